@@ -1,0 +1,28 @@
+# Suites print TAP: cmocka programs from tests/unit and tests/stability, built plain and sanitized,
+# and the shell suites beside them. tests/run sums them up.
+
+UNIT_SOURCES := $(wildcard tests/unit/*.c tests/stability/*.c)
+UNIT_SUITES := $(UNIT_SOURCES:tests/%.c=$(OUT)/tests/%)
+SHELL_SUITES := $(sort $(wildcard tests/*/*.sh))
+TEST_LIBS = -lcmocka $(shell pkg-config --libs libpng libjpeg OpenEXR) -lm -ldl
+
+$(UNIT_SUITES): $(OUT)/tests/%: $(OBJ)/tests/%.o $(VIEWER_CORE_OBJECTS) $(LIBSLF) | $(CHECK_DEPS)
+	@mkdir -p $(@D)
+	$(CC) -o $@ $(filter %.o %.a,$^) $(ALL_LDFLAGS) $(TEST_LIBS)
+$(UNIT_SOURCES:%.c=$(OBJ)/%.o): PKG_CFLAGS = $(shell pkg-config --cflags OpenEXR libpng cmocka)
+$(UNIT_SOURCES:%.c=$(OBJ)/%.o): | $(CHECK_DEPS)
+
+.PHONY: unit-suites format
+unit-suites: $(UNIT_SUITES)
+
+# The other compiler must accept all of it too.
+build/clang.ok: $(wildcard codec/*.[ch] bake/*.[ch] viewer/*.[ch] tests/*/*.[ch]) | $(CHECK_DEPS)
+	$(MAKE) CC=clang CONFIG=debug all unit-suites
+	@touch $@
+
+check: all unit-suites build/clang.ok | $(CHECK_DEPS) ## Run all the tests, installing what they need
+	$(MAKE) CONFIG=asan all unit-suites
+	@tests/run build/tap $(UNIT_SUITES) $(UNIT_SUITES:build/%=build/asan/%) $(SHELL_SUITES)
+
+format: | $(CHECK_DEPS) ## Lay out the sources with clang-format
+	clang-format -i $(wildcard codec/*.[ch] bake/*.[ch] viewer/*.[ch] tests/*/*.[ch])
