@@ -1,0 +1,456 @@
+/* read.c - opening and checking a file. FORMAT.md, "Chunks". */
+#include "codec/file.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+/* ---- Chunks -------------------------------------------------------------------------------------
+ */
+
+static const char *type_name(uint32_t type, char name[5]) {
+  put_u32((uint8_t *)name, type);
+  for (int i = 0; i < 4; i++)
+    if (name[i] < ' ' || name[i] > '~') name[i] = '?';
+  name[4] = 0;
+  return name;
+}
+
+static slf_result check_crc(const slf_file *file, const chunk *c, slf_error *error) {
+  uint32_t crc = slf_crc32(file->bytes + c->offset, c->nbytes);
+  char name[5];
+  if (crc == c->crc) return SLF_OK;
+  return slf_fail(error, SLF_ERROR_CHECKSUM,
+                  "%s: chunk %s at byte %" PRIu64 ": checksum %08x, expected %08x", file->name,
+                  type_name(c->type, name), c->offset, crc, c->crc);
+}
+
+static slf_result read_chunk_table(slf_file *file, slf_error *error) {
+  const uint8_t *p = file->bytes;
+  if (file->nbytes < HEADER_NBYTES || memcmp(p, slf_magic, sizeof slf_magic) != 0)
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: not a .slf file (%" PRIu64 " bytes)", file->name,
+                    file->nbytes);
+  if (get_u16(p + 8) != VERSION_MAJOR)
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: version %u.%u, this library reads %d.x",
+                    file->name, get_u16(p + 8), get_u16(p + 10), VERSION_MAJOR);
+  if (slf_crc32(p, 28) != get_u32(p + 28))
+    return slf_fail(error, SLF_ERROR_CHECKSUM, "%s: header: checksum %08x, expected %08x",
+                    file->name, slf_crc32(p, 28), get_u32(p + 28));
+  if (get_u64(p + 16) != file->nbytes)
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: %" PRIu64 " bytes, its header says %" PRIu64,
+                    file->name, file->nbytes, get_u64(p + 16));
+  file->chunk_count = get_u32(p + 12);
+  uint64_t table_nbytes = (uint64_t)file->chunk_count * CHUNK_ENTRY_NBYTES;
+  if (file->chunk_count == 0 || table_nbytes > file->nbytes - HEADER_NBYTES)
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: %u chunks do not fit in %" PRIu64 " bytes",
+                    file->name, file->chunk_count, file->nbytes);
+  if (slf_crc32(p + HEADER_NBYTES, table_nbytes) != get_u32(p + 24))
+    return slf_fail(error, SLF_ERROR_CHECKSUM, "%s: chunk table: checksum %08x, expected %08x",
+                    file->name, slf_crc32(p + HEADER_NBYTES, table_nbytes), get_u32(p + 24));
+  file->chunks = calloc(file->chunk_count, sizeof *file->chunks);
+  if (!file->chunks)
+    return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for %u chunks", file->name,
+                    file->chunk_count);
+  uint64_t end = HEADER_NBYTES + table_nbytes;
+  for (uint32_t i = 0; i < file->chunk_count; i++) {
+    const uint8_t *e = p + HEADER_NBYTES + (size_t)i * CHUNK_ENTRY_NBYTES;
+    chunk *c = &file->chunks[i];
+    *c = (chunk){get_u32(e),     get_u16(e + 4),  get_u16(e + 6),
+                 get_u32(e + 8), get_u64(e + 16), get_u64(e + 24)};
+    if (c->offset != end || c->nbytes > file->nbytes - end)
+      return slf_fail(error, SLF_ERROR_FORMAT,
+                      "%s: chunk %u is %" PRIu64 " bytes at %" PRIu64 ", expected at %" PRIu64
+                      " of %" PRIu64,
+                      file->name, i, c->nbytes, c->offset, end, file->nbytes);
+    end += c->nbytes;
+  }
+  if (end != file->nbytes)
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: chunks end at %" PRIu64 " of %" PRIu64 " bytes",
+                    file->name, end, file->nbytes);
+  return SLF_OK;
+}
+
+/* The one chunk of a type for a surface and layer; its checksum is checked unless it holds blocks.
+ */
+static slf_result find_chunk(const slf_file *file, uint32_t type, uint32_t surface, uint32_t layer,
+                             const chunk **found, slf_error *error) {
+  char name[5];
+  for (uint32_t i = 0; i < file->chunk_count; i++) {
+    const chunk *c = &file->chunks[i];
+    if (c->type != type || c->surface != surface || c->layer != layer) continue;
+    *found = c;
+    return type == CHUNK_BLOCKS ? SLF_OK : check_crc(file, c, error);
+  }
+  return slf_fail(error, SLF_ERROR_FORMAT, "%s: no chunk %s for surface %u, layer %u", file->name,
+                  type_name(type, name), surface, layer);
+}
+
+static slf_result bad_size(const slf_file *file, const chunk *c, uint64_t expected,
+                           slf_error *error) {
+  char name[5];
+  return slf_fail(error, SLF_ERROR_FORMAT,
+                  "%s: chunk %s at byte %" PRIu64 " has %" PRIu64 " bytes, expected %" PRIu64,
+                  file->name, type_name(c->type, name), c->offset, c->nbytes, expected);
+}
+
+/* ---- Scene and meshes ---------------------------------------------------------------------------
+ */
+
+static bool get_name(const uint8_t *p, char name[SLF_NAME_NBYTES]) {
+  memcpy(name, p, SLF_NAME_NBYTES);
+  size_t length = strnlen(name, SLF_NAME_NBYTES);
+  for (size_t i = 0; i < SLF_NAME_NBYTES; i++) {
+    unsigned char c = (unsigned char)name[i];
+    if (i < length ? c < ' ' || c == 0x7f : c != 0) return false;
+  }
+  return length < SLF_NAME_NBYTES;
+}
+
+static bool get_floats(const uint8_t *p, float *values, size_t count) {
+  bool finite = true;
+  for (size_t i = 0; i < count; i++) {
+    values[i] = get_f32(p + 4 * i);
+    finite = finite && isfinite(values[i]);
+  }
+  return finite;
+}
+
+static slf_result read_scene(slf_file *file, slf_error *error) {
+  const chunk *c;
+  slf_result result = find_chunk(file, CHUNK_SCENE, 0, 0, &c, error);
+  if (result != SLF_OK) return result;
+  const uint8_t *p = file->bytes + c->offset;
+  if (c->nbytes < 20) return bad_size(file, c, 20, error);
+  bool finite = get_floats(p, file->background, 3);
+  file->view_count = get_u32(p + 12);
+  file->surface_count = get_u32(p + 16);
+  uint64_t expected = 20 + (uint64_t)file->view_count * VIEW_NBYTES +
+                      (uint64_t)file->surface_count * SURFACE_NBYTES;
+  if (c->nbytes != expected) return bad_size(file, c, expected, error);
+  if (file->view_count > MAX_VIEWS || file->surface_count > SLF_MAX_SURFACES)
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: %u views, %u surfaces; limits are %d, %d",
+                    file->name, file->view_count, file->surface_count, MAX_VIEWS, SLF_MAX_SURFACES);
+  /* One more, so that none of either is no special case. */
+  file->views = calloc((size_t)file->view_count + 1, sizeof *file->views);
+  file->surfaces = calloc((size_t)file->surface_count + 1, sizeof *file->surfaces);
+  if (!file->views || !file->surfaces)
+    return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for %u views, %u surfaces", file->name,
+                    file->view_count, file->surface_count);
+  p += 20;
+  for (uint32_t i = 0; i < file->view_count; i++, p += VIEW_NBYTES) {
+    slf_view *v = &file->views[i];
+    float numbers[7];
+    bool named = get_name(p, v->name);
+    finite = get_floats(p + SLF_NAME_NBYTES, numbers, 7) && finite;
+    memcpy(v->location, numbers, sizeof v->location);
+    memcpy(v->look_at, numbers + 3, sizeof v->look_at);
+    v->angle_deg = numbers[6];
+    if (!named || !(v->angle_deg > 0 && v->angle_deg < 180))
+      return slf_fail(error, SLF_ERROR_FORMAT, "%s: view %u: bad name or angle", file->name, i);
+  }
+  for (uint32_t i = 0; i < file->surface_count; i++, p += SURFACE_NBYTES) {
+    slf_surface *s = &file->surfaces[i].public;
+    const uint8_t *n = p + SLF_NAME_NBYTES;
+    bool named = get_name(p, s->name);
+    s->flags = get_u32(n);
+    s->layer_count = get_u32(n + 4);
+    s->mesh.vertex_count = get_u32(n + 8);
+    s->mesh.triangle_count = get_u32(n + 12);
+    if (!named || s->flags > 7 || s->layer_count > SLF_MAX_LAYERS)
+      return slf_fail(error, SLF_ERROR_FORMAT, "%s: surface %u: bad name, flags %#x or %u layers",
+                      file->name, i, s->flags, s->layer_count);
+  }
+  if (!finite)
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: a number of the scene is not finite", file->name);
+  return SLF_OK;
+}
+
+static slf_result read_mesh(slf_file *file, uint32_t index, slf_error *error) {
+  surface_state *surface = &file->surfaces[index];
+  slf_mesh *mesh = &surface->public.mesh;
+  const chunk *c;
+  slf_result result = find_chunk(file, CHUNK_MESH, index, 0, &c, error);
+  if (result != SLF_OK) return result;
+  uint64_t expected = (uint64_t)mesh->vertex_count * VERTEX_NBYTES +
+                      (uint64_t)mesh->triangle_count * TRIANGLE_NBYTES;
+  if (c->nbytes != expected) return bad_size(file, c, expected, error);
+  if (mesh->vertex_count > MAX_VERTICES || mesh->triangle_count > MAX_TRIANGLES)
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: surface %u: %u vertices, %u triangles",
+                    file->name, index, mesh->vertex_count, mesh->triangle_count);
+  surface->vertices = calloc((size_t)mesh->vertex_count + 1, sizeof *surface->vertices);
+  surface->triangles = calloc(3 * (size_t)mesh->triangle_count + 1, sizeof *surface->triangles);
+  if (!surface->vertices || !surface->triangles)
+    return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for a mesh of %u vertices", file->name,
+                    mesh->vertex_count);
+  const uint8_t *p = file->bytes + c->offset;
+  for (uint32_t i = 0; i < mesh->vertex_count; i++, p += VERTEX_NBYTES) {
+    float n[14];
+    if (!get_floats(p, n, 14))
+      return slf_fail(error, SLF_ERROR_FORMAT, "%s: surface %u: vertex %u is not finite",
+                      file->name, index, i);
+    surface->vertices[i] = (slf_vertex){{n[0], n[1], n[2]},
+                                        {n[3], n[4], n[5]},
+                                        {n[6], n[7], n[8]},
+                                        {n[9], n[10], n[11]},
+                                        n[12],
+                                        n[13]};
+  }
+  for (uint32_t i = 0; i < 3 * mesh->triangle_count; i++, p += 4) {
+    surface->triangles[i] = get_u32(p);
+    if (surface->triangles[i] >= mesh->vertex_count)
+      return slf_fail(error, SLF_ERROR_FORMAT, "%s: surface %u: a triangle names vertex %u of %u",
+                      file->name, index, surface->triangles[i], mesh->vertex_count);
+  }
+  mesh->vertices = surface->vertices;
+  mesh->triangles = surface->triangles;
+  return SLF_OK;
+}
+
+/* ---- Layers -------------------------------------------------------------------------------------
+ */
+
+static slf_result read_layer(slf_file *file, uint32_t surface_index, uint32_t layer_index,
+                             slf_error *error) {
+  layer_state *layer = &file->surfaces[surface_index].layers[layer_index];
+  slf_layer *p = &layer->public;
+  char name[sizeof file->name + 64];
+  snprintf(name, sizeof name, "%s: surface %u, layer %u", file->name, surface_index, layer_index);
+  const chunk *c;
+  slf_result result = find_chunk(file, CHUNK_LAYER, surface_index, layer_index, &c, error);
+  if (result != SLF_OK) return result;
+  const uint8_t *b = file->bytes + c->offset;
+  if (c->nbytes < LAYER_FIXED_NBYTES) return bad_size(file, c, LAYER_FIXED_NBYTES, error);
+  p->role = b[0];
+  p->curve = b[1];
+  p->angular = b[2];
+  p->u_count = get_u32(b + 4);
+  p->v_count = get_u32(b + 8);
+  p->s_count = get_u32(b + 12);
+  p->t_count = get_u32(b + 16);
+  p->quality = get_f32(b + 20);
+  uint64_t payload_bits = get_u64(b + 24);
+  if (b[0] > SLF_ROLE_REFLECTED || b[1] != SLF_CURVE_SRGB || b[2] != SLF_ANGULAR_NONE ||
+      b[3] > MAX_RUN_LOG2 || !isfinite(p->quality))
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: role %u, curve %u, angular %u, run %u", name,
+                    b[0], b[1], b[2], b[3]);
+  if (p->u_count - 1 >= SLF_MAX_TEXELS || p->v_count - 1 >= SLF_MAX_TEXELS ||
+      p->s_count - 1 >= SLF_MAX_DIRECTIONS || p->t_count - 1 >= SLF_MAX_DIRECTIONS)
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: %ux%u texels, %ux%u directions", name, p->u_count,
+                    p->v_count, p->s_count, p->t_count);
+  layer->run_blocks = 1u << b[3];
+  for (int channel = 0; channel < 3; channel++)
+    for (int k = 0; k < COEFFICIENTS; k++) {
+      uint32_t step = get_u16(b + 32 + 2 * (channel * COEFFICIENTS + k));
+      if (step == 0) return slf_fail(error, SLF_ERROR_FORMAT, "%s: a step of 0", name);
+      layer->steps[channel][slf_zigzag[k]] = (uint16_t)step;
+    }
+  layer_make_scales(layer);
+  uint64_t at = LAYER_FIXED_NBYTES;
+  for (int i = 0; i < CODE_COUNT; i++) {
+    size_t used = huffman_get(b + at, c->nbytes - at, &layer->huffman[i]);
+    if (used == 0) return slf_fail(error, SLF_ERROR_FORMAT, "%s: bad Huffman table %d", name, i);
+    at += used;
+  }
+  if (at != c->nbytes) return bad_size(file, c, at, error);
+  layer->code = malloc(sizeof *layer->code);
+  if (!layer->code) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for tables", name);
+  block_code_make(layer->huffman, layer->code);
+  result = layer_make_quads(layer, name, error);
+  if (result != SLF_OK) return result;
+
+  const chunk *blocks;
+  result = find_chunk(file, CHUNK_BLOCKS, surface_index, layer_index, &blocks, error);
+  if (result != SLF_OK) return result;
+  uint64_t least = stream_segment_count(layer->stream.entry_count) * (DIRECTORY_ENTRY_NBYTES + 2) +
+                   payload_bits / 8 + STREAM_PAD_NBYTES;
+  if (payload_bits / 8 > blocks->nbytes || blocks->nbytes < least)
+    return bad_size(file, blocks, least, error);
+  layer->stream.bytes = file->bytes + blocks->offset;
+  layer->stream.nbytes = blocks->nbytes;
+  p->payload_nbytes = payload_bits / 8;
+  p->index_nbytes = blocks->nbytes - p->payload_nbytes + c->nbytes;
+  return SLF_OK;
+}
+
+static slf_result read_layers(slf_file *file, uint32_t index, slf_error *error) {
+  surface_state *surface = &file->surfaces[index];
+  uint32_t count = surface->public.layer_count;
+  surface->layers = calloc((size_t)count + 1, sizeof *surface->layers);
+  surface->public_layers = calloc((size_t)count + 1, sizeof *surface->public_layers);
+  if (!surface->layers || !surface->public_layers)
+    return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for %u layers", file->name, count);
+  for (uint32_t i = 0; i < count; i++) {
+    slf_result result = read_layer(file, index, i, error);
+    if (result != SLF_OK) return result;
+    surface->public_layers[i] = surface->layers[i].public;
+  }
+  surface->public.layers = surface->public_layers;
+  return SLF_OK;
+}
+
+/* ---- Open and close -----------------------------------------------------------------------------
+ */
+
+static slf_result read_all(slf_file *file, slf_error *error) {
+  slf_result result = read_chunk_table(file, error);
+  if (result == SLF_OK) result = read_scene(file, error);
+  for (uint32_t i = 0; result == SLF_OK && i < file->surface_count; i++) {
+    result = read_mesh(file, i, error);
+    if (result == SLF_OK) result = read_layers(file, i, error);
+  }
+  return result;
+}
+
+static slf_file *new_file(const char *name) {
+  slf_file *file = calloc(1, sizeof *file);
+  if (file) snprintf(file->name, sizeof file->name, "%s", name);
+  return file;
+}
+
+slf_result slf_open_memory(const void *bytes, size_t nbytes, const char *name, slf_file **file,
+                           slf_error *error) {
+  *file = NULL;
+  slf_file *opened = new_file(name);
+  if (!opened) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", name);
+  opened->bytes = bytes;
+  opened->nbytes = nbytes;
+  slf_result result = read_all(opened, error);
+  if (result == SLF_OK)
+    *file = opened;
+  else
+    slf_close(opened);
+  return result;
+}
+
+static slf_result map_file(slf_file *file, const char *path, slf_error *error) {
+  int descriptor = open(path, O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) return slf_fail(error, SLF_ERROR_IO, "%s: %s", path, strerror(errno));
+  struct stat status;
+  slf_result result = SLF_OK;
+  if (fstat(descriptor, &status) != 0) {
+    result = slf_fail(error, SLF_ERROR_IO, "%s: %s", path, strerror(errno));
+  } else if (!S_ISREG(status.st_mode)) {
+    result = slf_fail(error, SLF_ERROR_IO, "%s: not a regular file", path);
+  } else if (status.st_size < HEADER_NBYTES) {
+    result = slf_fail(error, SLF_ERROR_FORMAT, "%s: not a .slf file (%jd bytes)", path,
+                      (intmax_t)status.st_size);
+  } else {
+    void *bytes = mmap(NULL, (size_t)status.st_size, PROT_READ, MAP_PRIVATE, descriptor, 0);
+    if (bytes == MAP_FAILED) {
+      result = slf_fail(error, SLF_ERROR_IO, "%s: %s", path, strerror(errno));
+    } else {
+      file->bytes = bytes;
+      file->nbytes = (uint64_t)status.st_size;
+      file->mapped = true;
+    }
+  }
+  close(descriptor);
+  return result;
+}
+
+slf_result slf_open(const char *path, slf_file **file, slf_error *error) {
+  *file = NULL;
+  slf_file *opened = new_file(path);
+  if (!opened) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", path);
+  slf_result result = map_file(opened, path, error);
+  if (result == SLF_OK) result = read_all(opened, error);
+  if (result == SLF_OK)
+    *file = opened;
+  else
+    slf_close(opened);
+  return result;
+}
+
+void slf_close(slf_file *file) {
+  if (!file) return;
+  for (uint32_t i = 0; file->surfaces && i < file->surface_count; i++) {
+    surface_state *surface = &file->surfaces[i];
+    for (uint32_t j = 0; surface->layers && j < surface->public.layer_count; j++)
+      layer_free(&surface->layers[j]);
+    free(surface->layers);
+    free(surface->public_layers);
+    free(surface->vertices);
+    free(surface->triangles);
+  }
+  free(file->surfaces);
+  free(file->views);
+  free(file->chunks);
+  if (file->mapped) munmap((void *)(uintptr_t)file->bytes, file->nbytes);
+  free(file);
+}
+
+/* ---- What is in it ------------------------------------------------------------------------------
+ */
+
+uint32_t slf_surface_count(const slf_file *file) {
+  return file->surface_count;
+}
+
+const slf_surface *slf_get_surface(const slf_file *file, uint32_t surface_index) {
+  return surface_index < file->surface_count ? &file->surfaces[surface_index].public : NULL;
+}
+
+uint32_t slf_view_count(const slf_file *file) {
+  return file->view_count;
+}
+
+const slf_view *slf_get_view(const slf_file *file, uint32_t view_index) {
+  return view_index < file->view_count ? &file->views[view_index] : NULL;
+}
+
+void slf_get_background(const slf_file *file, float linear_rgb[3]) {
+  memcpy(linear_rgb, file->background, sizeof file->background);
+}
+
+uint64_t slf_file_nbytes(const slf_file *file) {
+  return file->nbytes;
+}
+
+/* ---- Verify -------------------------------------------------------------------------------------
+ */
+
+static slf_result verify_layer(const slf_file *file, uint32_t surface_index, uint32_t layer_index,
+                               slf_error *error) {
+  const layer_state *layer = &file->surfaces[surface_index].layers[layer_index];
+  const block_stream *stream = &layer->stream;
+  char name[sizeof file->name + 64];
+  snprintf(name, sizeof name, "%s: surface %u, layer %u", file->name, surface_index, layer_index);
+  slf_result result = stream_check(stream, name, error);
+  if (result != SLF_OK) return result;
+  uint64_t blocks = (uint64_t)layer->public.block_u_count * layer->public.block_v_count;
+  for (uint32_t q = 0; q < layer->quad_s_count * layer->quad_t_count; q++) {
+    int slices = __builtin_popcount(layer->quad_slices[q]);
+    bit_cursor cursor = {stream->bytes, 0, (stream->nbytes - STREAM_PAD_NBYTES) * 8};
+    for (uint64_t block = 0; slices && block < blocks; block++) {
+      if (block % layer->run_blocks == 0)
+        cursor.bit = stream_find(stream, layer_entry(layer, layer->quad_ranks[q], block));
+      for (int i = 0; i < slices; i++) {
+        int16_t levels[3][LEVELS_STRIDE];
+        if (!kernel_parse(layer->code, &cursor, levels) || cursor.bit > cursor.end_bit)
+          return slf_fail(error, SLF_ERROR_FORMAT,
+                          "%s: block %" PRIu64 " of quad (%u, %u) does not parse", name, block,
+                          q % layer->quad_s_count, q / layer->quad_s_count);
+      }
+    }
+  }
+  return SLF_OK;
+}
+
+slf_result slf_verify(const slf_file *file, slf_error *error) {
+  for (uint32_t i = 0; i < file->chunk_count; i++) {
+    slf_result result = check_crc(file, &file->chunks[i], error);
+    if (result != SLF_OK) return result;
+  }
+  for (uint32_t i = 0; i < file->surface_count; i++)
+    for (uint32_t j = 0; j < file->surfaces[i].public.layer_count; j++) {
+      slf_result result = verify_layer(file, i, j, error);
+      if (result != SLF_OK) return result;
+    }
+  return SLF_OK;
+}

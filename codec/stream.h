@@ -1,0 +1,63 @@
+/* stream.h - a chunk of C-Blocks: runs of bits, found by their number.
+ *
+ * A stream is a list of entries, each some bits long. 128 entries make a segment: their bit offsets
+ * in Elias-Fano form, then their bits. A directory of 6 bytes a segment finds the segments.
+ * FORMAT.md, "Block streams". */
+#ifndef SLF_STREAM_H
+#define SLF_STREAM_H
+
+#include "codec/format.h"
+
+enum {
+  SEGMENT_ENTRIES = 128,
+  DIRECTORY_ENTRY_NBYTES = 6,
+  STREAM_PAD_NBYTES = 16 /* zeros at the end, so that a reader may load 8 bytes anywhere before */
+};
+
+typedef struct {
+  const uint8_t *bytes;
+  uint64_t nbytes; /* at least STREAM_PAD_NBYTES */
+  uint64_t entry_count;
+} block_stream;
+
+/* The bit, counted from stream->bytes, at which entry `entry` (< entry_count) begins; always below
+ * 8 * (nbytes - STREAM_PAD_NBYTES + 1), whatever the bytes. */
+uint64_t stream_find(const block_stream *stream, uint64_t entry);
+
+/* Checks that the directory and every segment's offsets lie inside and in order. */
+slf_result stream_check(const block_stream *stream, const char *name, slf_error *error);
+
+static inline uint64_t stream_segment_count(uint64_t entry_count) {
+  return (entry_count + SEGMENT_ENTRIES - 1) / SEGMENT_ENTRIES;
+}
+
+/* A growing string of bits, most significant first. After an allocation failed it takes no more and
+ * says so: `failed` is asked once, at the end. */
+typedef struct {
+  uint8_t *bytes;
+  size_t capacity_nbytes;
+  uint64_t bit_count;
+  bool failed;
+} bit_string;
+
+void bits_put(bit_string *bits, uint32_t value, unsigned count); /* count 0 .. 32 */
+void bits_append(bit_string *bits, const bit_string *more);
+void bits_free(bit_string *bits);
+
+typedef struct {
+  bit_string directory, segments; /* whole bytes */
+  bit_string segment;             /* the entries of the segment that is being filled */
+  uint64_t offsets[SEGMENT_ENTRIES];
+  uint64_t entry_count;
+  uint64_t payload_bit_count;
+} stream_writer;
+
+/* Appends an entry, in order. */
+void stream_put(stream_writer *writer, const bit_string *entry);
+
+/* Ends the stream; *bytes (malloc) becomes the caller's. */
+slf_result stream_finish(stream_writer *writer, uint8_t **bytes, uint64_t *nbytes,
+                         slf_error *error);
+void stream_writer_free(stream_writer *writer);
+
+#endif
