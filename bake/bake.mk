@@ -1,0 +1,81 @@
+# POV-Ray scene -> .slf. `make bake` writes down what was asked for and calls make again with
+# BAKE=NAME; from there on the folder build/bake/NAME says everything, so that any node of a cluster
+# can make any of its goals.
+#
+#   build/bake/NAME/options.mk   scene, numbers, texel scale, rays
+#   build/bake/NAME/scene.txt    the surfaces, as POV-Ray describes them
+#   build/bake/NAME/look         the scene without the lines that only name surfaces
+#   build/bake/NAME/plan.mk      the chunks
+#   build/bake/NAME/SURFACE/     surface.txt, rays (curved surfaces), 0000.exr ... (chunks)
+#   build/NAME.slf
+#
+# Files that many others depend on (surface.txt, rays, look) keep their time when they come out the
+# same: only what changed is baked again.
+
+BAKE_PROGRAMS := $(addprefix $(OUT)/bake/,plan camera ray_scene ray_table gather pack)
+BAKE_OBJECTS := $(addprefix $(OBJ)/bake/,surface.o sample.o image.o)
+$(OBJ)/bake/%.o: PKG_CFLAGS = $(shell pkg-config --cflags OpenEXR)
+
+all: $(BAKE_PROGRAMS)
+$(BAKE_PROGRAMS): $(OUT)/bake/%: $(OBJ)/bake/%.o $(BAKE_OBJECTS) $(LIBSLF)
+	@mkdir -p $(@D)
+	$(CC) $^ -o $@ $(ALL_LDFLAGS) -lOpenEXRCore-3_1 -lm
+
+# NAME may be an environment variable of somebody else's.
+NAME := $(if $(filter command line,$(origin NAME)),$(NAME),$(SCENE))
+DECLARE ?=
+RAYS ?= $(if $(filter paper,$(QUALITY)),25,9)
+TEXEL_SCALE = $(if $(filter paper,$(QUALITY)),1,0.5)
+# More POV-Rays than processors hide the quarter second that each spends waiting for its front end.
+BAKE_JOBS = $(shell echo $$(($(JOBS) + 1)))
+
+bake: $(BAKE_PROGRAMS) ## Bake SCENE (NAME=, DECLARE="X=1 Y=2", QUALITY=, RAYS=, FARM=) to build/NAME.slf
+	@[ -f 'scenes/$(SCENE)/$(SCENE).pov' ] || { echo "slf: no scene '$(SCENE)': expected one of" \
+	  $(notdir $(wildcard scenes/*)) >&2; exit 1; }
+	@case '$(QUALITY)' in preview|paper) ;; *) echo "slf: QUALITY=$(QUALITY): expected preview or paper" >&2; exit 1;; esac
+	@case '$(RAYS)' in 1|9|25|49|121) ;; *) echo "slf: RAYS=$(RAYS): expected 1, 9, 25, 49 or 121" >&2; exit 1;; esac
+	@mkdir -p 'build/bake/$(NAME)'
+	@printf 'BAKE_SCENE := %s\nBAKE_DECLARE := %s\nBAKE_SCALE := %s\nBAKE_RAYS := %s\n' '$(SCENE)' \
+	  '$(DECLARE)' '$(TEXEL_SCALE)' '$(RAYS)' > 'build/bake/$(NAME)/options.part'
+	@cd 'build/bake/$(NAME)' && { cmp -s options.part options.mk || mv options.part options.mk; }
+	@rm -rf 'build/bake/$(NAME)/options.part' 'build/bake/$(NAME)/tmp'
+	@MAKEFLAGS= $(MAKE) --no-print-directory CONFIG=$(CONFIG) JOBS=$(BAKE_JOBS) BAKE='$(NAME)' 'build/$(NAME).slf'
+
+ifdef BAKE
+BAKE_DIR := build/bake/$(BAKE)
+include $(BAKE_DIR)/options.mk
+BAKE_BIN := $(OUT)/bake
+export BAKE_DIR BAKE_SCENE BAKE_DECLARE BAKE_SCALE BAKE_RAYS BAKE_BIN
+BAKE_FILES := $(shell find scenes/$(BAKE_SCENE) -type f ! -name views)
+
+$(BAKE_DIR)/scene.txt: $(BAKE_FILES) $(BAKE_DIR)/options.mk bake/slf.inc
+	@bake/trace describe $@
+
+$(BAKE_DIR)/plan.mk: $(BAKE_DIR)/scene.txt bake/surface.c
+	@$(BAKE_BIN)/plan $< $(BAKE_DIR) $(BAKE_RAYS) > $@.part && mv $@.part $@
+
+include $(BAKE_DIR)/plan.mk
+
+$(BAKE_DIR)/look.made: $(BAKE_FILES) $(BAKE_DIR)/options.mk
+	@{ cat $(BAKE_DIR)/options.mk; sed -E '/^[[:space:]]*Slf_[A-Za-z]+[[:space:]]*\(.*\)[[:space:]]*$$/d' $(BAKE_FILES); } \
+	  > $(BAKE_DIR)/look.part
+	@cmp -s $(BAKE_DIR)/look.part $(BAKE_DIR)/look || mv $(BAKE_DIR)/look.part $(BAKE_DIR)/look
+	@rm -f $(BAKE_DIR)/look.part; touch $@
+$(BAKE_DIR)/look: $(BAKE_DIR)/look.made
+	@:
+
+$(RAY_PARTS): $(BAKE_DIR)/scene.txt bake/sample.c
+	@bake/trace rays $(notdir $(@D)) $(subst .,,$(suffix $@)) $@
+$(addsuffix .made,$(RAY_TABLES)):
+	@cat $^ > $(@D)/rays.part
+	@cmp -s $(@D)/rays.part $(@D)/rays || mv $(@D)/rays.part $(@D)/rays
+	@rm -f $(@D)/rays.part; touch $@
+$(RAY_TABLES): %/rays: %/rays.made
+	@:
+
+$(CHUNKS): $(BAKE_DIR)/look bake/camera.c bake/sample.c bake/gather.c
+	@bake/trace chunk $(notdir $(@D)) $(basename $(notdir $@)) $@
+
+build/$(BAKE).slf: $(BAKE_DIR)/plan.mk $(CHUNKS) $(wildcard scenes/$(BAKE_SCENE)/views)
+	@$(BAKE_BIN)/pack $(BAKE_DIR) $(BAKE_RAYS) $(wildcard scenes/$(BAKE_SCENE)/views) $@
+endif

@@ -1,0 +1,170 @@
+#include "image.h"
+
+#include <openexr.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct image {
+  exr_context_t context;
+  char *path;
+  uint32_t width, height;
+  int32_t chunk_row_count;
+  exr_decode_pipeline_t decode;
+  int decode_ready;
+  float *chunk; /* chunk_row_count rows of width x 3 */
+};
+
+void fail(const char *format, ...) {
+  va_list arguments;
+  va_start(arguments, format);
+  fputs("slf: ", stderr);
+  vfprintf(stderr, format, arguments);
+  fputc('\n', stderr);
+  va_end(arguments);
+  exit(1);
+}
+
+/* OpenEXR's message holds the file and the numbers; it would print it itself without a handler. */
+static char last_message[512];
+static void keep_message(exr_const_context_t context, exr_result_t code, const char *message) {
+  (void)context, (void)code;
+  snprintf(last_message, sizeof last_message, "%s", message);
+}
+
+static void check(exr_result_t result, const char *path) {
+  if (result == EXR_ERR_SUCCESS) return;
+  fail("%s: %s", path, last_message[0] ? last_message : exr_get_default_error_message(result));
+}
+
+static exr_context_initializer_t initializer(void) {
+  exr_context_initializer_t init = EXR_DEFAULT_CONTEXT_INITIALIZER;
+  init.error_handler_fn = keep_message;
+  return init;
+}
+
+static void *allocate(size_t nbytes, const char *path) {
+  void *memory = calloc(1, nbytes ? nbytes : 1);
+  if (!memory) fail("%s: no memory for %zu bytes", path, nbytes);
+  return memory;
+}
+
+image *image_open(const char *path) {
+  image *self = allocate(sizeof *self, path);
+  self->path = allocate(strlen(path) + 1, path);
+  strcpy(self->path, path);
+  exr_context_initializer_t init = initializer();
+  check(exr_start_read(&self->context, path, &init), path);
+  exr_storage_t storage;
+  check(exr_get_storage(self->context, 0, &storage), path);
+  if (storage != EXR_STORAGE_SCANLINE) fail("%s: not an image of scan lines", path);
+  exr_attr_box2i_t window;
+  check(exr_get_data_window(self->context, 0, &window), path);
+  if (window.min.x != 0 || window.min.y != 0) fail("%s: does not begin at 0,0", path);
+  self->width = (uint32_t)(window.max.x + 1);
+  self->height = (uint32_t)(window.max.y + 1);
+  check(exr_get_scanlines_per_chunk(self->context, 0, &self->chunk_row_count), path);
+  self->chunk = allocate((size_t)self->chunk_row_count * self->width * 3 * sizeof(float), path);
+  return self;
+}
+
+uint32_t image_width(const image *self) {
+  return self->width;
+}
+
+uint32_t image_height(const image *self) {
+  return self->height;
+}
+
+static void direct_channels(image *self) {
+  int found = 0;
+  for (int i = 0; i < self->decode.channel_count; i++) {
+    exr_coding_channel_info_t *channel = &self->decode.channels[i];
+    const char *place = strchr("RGB", channel->channel_name[0]);
+    if (!place || channel->channel_name[1]) continue;
+    channel->decode_to_ptr = (uint8_t *)(self->chunk + (place - "RGB"));
+    channel->user_data_type = EXR_PIXEL_FLOAT;
+    channel->user_bytes_per_element = sizeof(float);
+    channel->user_pixel_stride = 3 * sizeof(float);
+    channel->user_line_stride = (int32_t)(self->width * 3 * sizeof(float));
+    found++;
+  }
+  if (found != 3) fail("%s: has no channels R, G and B", self->path);
+}
+
+static void read_chunk(image *self, const exr_chunk_info_t *info) {
+  if (!self->decode_ready) {
+    check(exr_decoding_initialize(self->context, 0, info, &self->decode), self->path);
+    self->decode_ready = 1;
+  } else {
+    check(exr_decoding_update(self->context, 0, info, &self->decode), self->path);
+  }
+  direct_channels(self);
+  check(exr_decoding_choose_default_routines(self->context, 0, &self->decode), self->path);
+  check(exr_decoding_run(self->context, 0, &self->decode), self->path);
+}
+
+void image_read_rows(image *self, uint32_t first_row, uint32_t row_count, float *rgb) {
+  size_t row_nbytes = self->width * 3 * sizeof(float);
+  uint32_t row = first_row;
+  while (row < first_row + row_count) {
+    exr_chunk_info_t info;
+    check(exr_read_scanline_chunk_info(self->context, 0, (int)row, &info), self->path);
+    read_chunk(self, &info);
+    uint32_t chunk_end = (uint32_t)(info.start_y + info.height);
+    uint32_t end = chunk_end < first_row + row_count ? chunk_end : first_row + row_count;
+    memcpy(rgb + (size_t)(row - first_row) * self->width * 3,
+           self->chunk + (size_t)(row - (uint32_t)info.start_y) * self->width * 3,
+           (end - row) * row_nbytes);
+    row = end;
+  }
+}
+
+void image_close(image *self) {
+  if (!self) return;
+  if (self->decode_ready) exr_decoding_destroy(self->context, &self->decode);
+  exr_finish(&self->context);
+  free(self->chunk);
+  free(self->path);
+  free(self);
+}
+
+void image_write(const char *path, uint32_t width, uint32_t height, const float *rgb) {
+  exr_context_t context;
+  exr_context_initializer_t init = initializer();
+  check(exr_start_write(&context, path, EXR_WRITE_FILE_DIRECTLY, &init), path);
+  int part;
+  check(exr_add_part(context, NULL, EXR_STORAGE_SCANLINE, &part), path);
+  check(exr_initialize_required_attr_simple(context, part, (int32_t)width, (int32_t)height,
+                                            EXR_COMPRESSION_ZIPS),
+        path);
+  for (const char *name = "BGR"; *name; name++) {
+    char channel[2] = {*name, 0};
+    check(exr_add_channel(context, part, channel, EXR_PIXEL_HALF, EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1),
+          path);
+  }
+  check(exr_write_header(context), path);
+  exr_encode_pipeline_t encode = EXR_ENCODE_PIPELINE_INITIALIZER;
+  for (uint32_t row = 0; row < height; row++) {
+    exr_chunk_info_t info;
+    check(exr_write_scanline_chunk_info(context, part, (int)row, &info), path);
+    if (row == 0)
+      check(exr_encoding_initialize(context, part, &info, &encode), path);
+    else
+      check(exr_encoding_update(context, part, &info, &encode), path);
+    for (int i = 0; i < encode.channel_count; i++) {
+      exr_coding_channel_info_t *channel = &encode.channels[i];
+      size_t place = (size_t)(strchr("RGB", channel->channel_name[0]) - "RGB");
+      channel->encode_from_ptr = (const uint8_t *)(rgb + (size_t)row * width * 3 + place);
+      channel->user_data_type = EXR_PIXEL_FLOAT;
+      channel->user_bytes_per_element = sizeof(float);
+      channel->user_pixel_stride = 3 * sizeof(float);
+      channel->user_line_stride = (int32_t)(width * 3 * sizeof(float));
+    }
+    if (row == 0) check(exr_encoding_choose_default_routines(context, part, &encode), path);
+    check(exr_encoding_run(context, part, &encode), path);
+  }
+  check(exr_encoding_destroy(context, &encode), path);
+  check(exr_finish(&context), path);
+}

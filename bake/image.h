@@ -1,0 +1,27 @@
+/* image.h - OpenEXR images by rows, through OpenEXR's C core: POV-Ray's frames in, means out.
+ *
+ * The bake's programs are short-lived: what the world does wrong ends them with one line on stderr
+ * and exit status 1. */
+#ifndef BAKE_IMAGE_H
+#define BAKE_IMAGE_H
+
+#include <stdint.h>
+
+/* Prints "slf: " and the message, one line; exits 1. */
+_Noreturn void fail(const char *format, ...) __attribute__((format(printf, 1, 2)));
+
+typedef struct image image;
+
+/* Opens an image of scan lines with the channels R G B and perhaps A. Never NULL. */
+image *image_open(const char *path);
+uint32_t image_width(const image *);
+uint32_t image_height(const image *);
+/* Reads row_count rows from first_row into rgb: width x 3 floats a row. */
+void image_read_rows(image *, uint32_t first_row, uint32_t row_count, float *rgb);
+void image_close(image *);
+
+/* Writes half-float R G B, each row compressed by itself, so that rows are read at random. The
+ * file is complete, or the program has ended. */
+void image_write(const char *path, uint32_t width, uint32_t height, const float *rgb);
+
+#endif

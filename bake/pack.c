@@ -1,0 +1,154 @@
+/* pack - writes a scene's surfaces, the slices that were gathered for them, and its views as .slf. */
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "image.h"
+#include "surface.h"
+
+static void check(slf_result result, const slf_error *error) {
+  if (result != SLF_OK) fail("%s", error->message);
+}
+
+/* Where the encoder reads slices: the chunks of one surface, one of them open at a time. */
+typedef struct {
+  const char *folder;
+  const surface *self;
+  uint32_t slices_per_chunk;
+  uint32_t *place; /* s_count x t_count: place of a slice among those that exist */
+  image *chunk;
+  uint32_t chunk_index;
+} slice_reader;
+
+static void open_chunk(slice_reader *reader, uint32_t chunk_index) {
+  char path[4096];
+  if (reader->chunk && reader->chunk_index == chunk_index) return;
+  image_close(reader->chunk);
+  snprintf(path, sizeof path, "%s/%s/%04u.exr", reader->folder, reader->self->name, chunk_index);
+  reader->chunk = image_open(path);
+  reader->chunk_index = chunk_index;
+  if (image_width(reader->chunk) != reader->self->u_count ||
+      image_height(reader->chunk) % reader->self->v_count)
+    fail("%s: %u x %u texels, expected slices of %u x %u", path, image_width(reader->chunk),
+         image_height(reader->chunk), reader->self->u_count, reader->self->v_count);
+}
+
+static slf_result read_slice(void *context, uint32_t s, uint32_t t, float *rgb, slf_error *error) {
+  (void)error;
+  slice_reader *reader = context;
+  const surface *self = reader->self;
+  uint32_t place = reader->place[t * self->s_count + s];
+  open_chunk(reader, place / reader->slices_per_chunk);
+  image_read_rows(reader->chunk, place % reader->slices_per_chunk * self->v_count, self->v_count, rgb);
+  return SLF_OK;
+}
+
+static slice_reader open_slices(const char *folder, const surface *self, uint32_t rays) {
+  slice_reader reader = {.folder = folder,
+                         .self = self,
+                         .slices_per_chunk = surface_slices_per_chunk(self, rays),
+                         .place = calloc((size_t)self->s_count * self->t_count, sizeof(uint32_t))};
+  if (!reader.place) fail("%s: no memory for %u x %u slices", self->name, self->s_count, self->t_count);
+  uint32_t slice_count;
+  slice *slices = surface_slices(self, &slice_count);
+  for (uint32_t i = 0; i < slice_count; i++)
+    reader.place[slices[i].t * self->s_count + slices[i].s] = i;
+  free(slices);
+  return reader;
+}
+
+/* A cell of the grid is two triangles; at a pole one of them is empty and left out. */
+static uint32_t *grid_triangles(const surface *self, uint32_t *triangle_count) {
+  uint32_t columns = self->column_count, rows = self->row_count;
+  uint32_t *triangles = malloc((size_t)(columns - 1) * (rows - 1) * 6 * sizeof *triangles);
+  if (!triangles) fail("%s: no memory for its mesh", self->name);
+  *triangle_count = 0;
+  for (uint32_t row = 0; row + 1 < rows; row++) {
+    for (uint32_t column = 0; column + 1 < columns; column++) {
+      uint32_t a = row * columns + column, b = a + 1, c = a + columns, d = c + 1;
+      const uint32_t cell[2][3] = {{a, b, d}, {a, d, c}};
+      for (int half = 0; half < 2; half++) {
+        uint32_t edge_from = half ? d : a, edge_to = half ? c : b;
+        if (!memcmp(self->vertices[edge_from].position, self->vertices[edge_to].position,
+                    sizeof self->vertices->position))
+          continue;
+        memcpy(triangles + (size_t)*triangle_count * 3, cell[half], sizeof cell[half]);
+        (*triangle_count)++;
+      }
+    }
+  }
+  return triangles;
+}
+
+static void write_geometry(slf_writer *writer, const surface *self) {
+  slf_error error;
+  slf_surface out = {.flags = self->flags};
+  uint32_t *triangles = grid_triangles(self, &out.mesh.triangle_count);
+  strcpy(out.name, self->name);
+  out.mesh.vertices = self->vertices;
+  out.mesh.vertex_count = self->column_count * self->row_count;
+  out.mesh.triangles = triangles;
+  check(slf_writer_add_surface(writer, &out, &error), &error);
+  free(triangles);
+}
+
+static void write_layer(slf_writer *writer, const char *folder, const surface *self, uint32_t rays) {
+  slf_error error;
+  slice_reader reader = open_slices(folder, self, rays);
+  slf_source source = {.read_slice = read_slice, .context = &reader};
+  slf_layer_options options = {.role = SLF_ROLE_FULL,
+                               .curve = SLF_CURVE_SRGB,
+                               .angular = SLF_ANGULAR_NONE,
+                               .u_count = self->u_count,
+                               .v_count = self->v_count,
+                               .s_count = self->s_count,
+                               .t_count = self->t_count,
+                               .quality = 90};
+  check(slf_writer_add_layer(writer, &options, &source, &error), &error);
+  image_close(reader.chunk);
+  free(reader.place);
+}
+
+/* name lx ly lz ax ay az angle_deg, one view a line; # begins a comment. */
+static void write_views(slf_writer *writer, const char *path) {
+  slf_error error;
+  FILE *file = fopen(path, "r");
+  if (!file) fail("%s: %s", path, strerror(errno));
+  char line[1024];
+  for (int number = 1; fgets(line, sizeof line, file); number++) {
+    slf_view view = {0};
+    line[strcspn(line, "#\n")] = 0;
+    if (!line[strspn(line, " \t\r")]) continue;
+    if (sscanf(line, "%63s %f %f %f %f %f %f %f", view.name, &view.location[0], &view.location[1],
+               &view.location[2], &view.look_at[0], &view.look_at[1], &view.look_at[2],
+               &view.angle_deg) != 8)
+      fail("%s: line %d: expected: name, location, look_at, angle", path, number);
+    check(slf_writer_add_view(writer, &view, &error), &error);
+  }
+  fclose(file);
+}
+
+int main(int argc, char **argv) {
+  if (argc != 4 && argc != 5) {
+    fputs("usage: pack FOLDER RAYS [VIEWS] OUT.slf\n", stderr);
+    return 2;
+  }
+  char path[4096];
+  slf_error error;
+  slf_writer *writer;
+  const char *folder = argv[1];
+  uint32_t rays = (uint32_t)atoi(argv[2]);
+  snprintf(path, sizeof path, "%s/scene.txt", folder);
+  scene *whole = scene_read(path);
+  check(slf_writer_create(argv[argc - 1], &writer, &error), &error);
+  slf_writer_set_background(writer, whole->background);
+  if (argc == 5) write_views(writer, argv[3]);
+  for (uint32_t i = 0; i < whole->surface_count; i++) {
+    write_geometry(writer, &whole->surfaces[i]);
+    write_layer(writer, folder, &whole->surfaces[i], rays);
+  }
+  check(slf_writer_finish(writer, &error), &error);
+  scene_free(whole);
+  return 0;
+}

@@ -1,0 +1,73 @@
+/* surface.h - the surfaces that a scene names, and how their rays are cut into chunks.
+ *
+ * The describe pass of slf.inc writes one text file for a scene:
+ *   surface NAME TEXELS_U TEXELS_V DIRECTIONS_S DIRECTIONS_T WRAP_U WRAP_V
+ *   planar CORNER EDGE_U EDGE_V          (only if P(U,V) = corner + U edge_u + V edge_v)
+ *   grid COLUMNS ROWS                    then as many vertices, row by row:
+ *   POSITION NORMAL TANGENT_U TANGENT_V U V
+ *   water NAME
+ *   background R G B
+ * A chunk is what one run of POV-Ray renders: a few slices of one surface. */
+#ifndef BAKE_SURFACE_H
+#define BAKE_SURFACE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "slf.h"
+
+typedef struct {
+  char name[SLF_NAME_NBYTES];
+  uint32_t u_count, v_count; /* texels */
+  uint32_t s_count, t_count; /* directions; 1 x 1: matte */
+  uint32_t flags;            /* SLF_SURFACE_... */
+  bool planar;
+  double corner[3], edge_u[3], edge_v[3]; /* of a planar surface */
+  uint32_t column_count, row_count;       /* of the mesh */
+  slf_vertex *vertices;                   /* row_count x column_count */
+} surface;
+
+typedef struct {
+  uint32_t surface_count;
+  surface *surfaces;
+  float background[3]; /* linear */
+} scene;
+
+/* Reads what the describe pass wrote; ends the program with a line for what is wrong. */
+scene *scene_read(const char *path);
+void scene_free(scene *);
+/* The surface called `name`, or NULL. */
+const surface *scene_find(const scene *, const char *name);
+
+typedef struct {
+  uint16_t s, t;
+} slice;
+
+/* The slices of a surface that exist, t by t and s by s: the order in which they are cut into
+ * chunks. The caller frees the list. */
+slice *surface_slices(const surface *, uint32_t *slice_count);
+
+/* How many slices a chunk of the surface has (the last one may have fewer), for `rays` rays a
+ * sample. */
+uint32_t surface_slices_per_chunk(const surface *, uint32_t rays);
+
+/* The slices of a chunk: surface_slices(...)[first .. first + count - 1]. */
+typedef struct {
+  uint32_t first, count;
+} chunk_range;
+chunk_range surface_chunk(const surface *, uint32_t rays, uint32_t chunk_index);
+uint32_t surface_chunk_count(const surface *, uint32_t rays);
+
+/* Rows of texels whose rays one run of POV-Ray evaluates, for a surface that is not planar. */
+typedef struct {
+  uint32_t first, count;
+} row_range;
+row_range surface_ray_rows(const surface *, uint32_t rays, uint32_t part_index);
+uint32_t surface_ray_part_count(const surface *, uint32_t rays);
+
+/* Distance from the surface at which rays start, in scene units. POV-Ray ignores what is nearer
+ * than 1e-4; a ray that starts 1e-3 away has always found the surface. It keeps a mesh_camera's
+ * vertices in floats, whose steps must stay far below the height n_min times this distance. */
+double surface_ray_start(const surface *);
+
+#endif
