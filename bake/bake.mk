@@ -13,13 +13,13 @@
 # same: only what changed is baked again.
 
 BAKE_PROGRAMS := $(addprefix $(OUT)/bake/,plan camera ray_scene ray_table gather pack)
-BAKE_OBJECTS := $(addprefix $(OBJ)/bake/,surface.o sample.o image.o)
+BAKE_OBJECTS := $(addprefix $(OBJ)/bake/,surface.o sample.o image.o fail.o)
 $(OBJ)/bake/%.o: PKG_CFLAGS = $(shell pkg-config --cflags OpenEXR)
 
 all: $(BAKE_PROGRAMS)
 $(BAKE_PROGRAMS): $(OUT)/bake/%: $(OBJ)/bake/%.o $(BAKE_OBJECTS) $(LIBSLF)
 	@mkdir -p $(@D)
-	$(CC) $^ -o $@ $(ALL_LDFLAGS) -lOpenEXRCore-3_1 -lm
+	$(CC) $^ -o $@ $(ALL_LDFLAGS) $(filter -L% -lOpenEXRCore%,$(shell pkg-config --libs OpenEXR)) -lm
 
 # NAME may be an environment variable of somebody else's.
 NAME := $(if $(filter command line,$(origin NAME)),$(NAME),$(SCENE))

@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "image.h"
+#include "fail.h"
 #include "sample.h"
 #include "surface.h"
 
@@ -151,9 +151,9 @@ static void write_face(const double origin[3], const double direction[3]) {
 /* The frames of all rays of all texels: texel by texel, its rays together, as floats. */
 static float *read_rays(const char *path, const surface *self, uint32_t rays) {
   size_t count = (size_t)self->u_count * self->v_count * rays * 12;
-  float *values = malloc(count * sizeof *values);
+  float *values = allocate(count, sizeof *values, path);
   FILE *file = fopen(path, "rb");
-  if (!file || !values) fail("%s: cannot be read", path);
+  if (!file) fail("%s: cannot be read", path);
   if (fread(values, sizeof *values, count, file) != count || fgetc(file) != EOF)
     fail("%s: expected %zu numbers", path, count);
   fclose(file);
@@ -223,6 +223,7 @@ int main(int argc, char **argv) {
   }
   free(slices);
   scene_free(whole);
-  if (fflush(stdout) || ferror(stdout)) fail("%s: the scene of chunk %s cannot be written", self->name, argv[5]);
+  if (fflush(stdout) || ferror(stdout))
+    fail("%s: the scene of chunk %s cannot be written", self->name, argv[5]);
   return 0;
 }

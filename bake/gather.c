@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "fail.h"
 #include "image.h"
 #include "surface.h"
 
@@ -44,9 +45,8 @@ int main(int argc, char **argv) {
   if (image_width(frame) != width || image_height(frame) != height)
     fail("%s: %u x %u pixels, expected %u x %u", path, image_width(frame), image_height(frame),
          width, height);
-  float *row = malloc((size_t)width * 3 * sizeof *row);
-  float *means = malloc((size_t)(height - 1) * self->u_count * 3 * sizeof *means);
-  if (!row || !means) fail("%s: no memory for %u x %u texels", path, self->u_count, height - 1);
+  float *row = allocate((size_t)width * 3, sizeof *row, path);
+  float *means = allocate((size_t)(height - 1) * self->u_count * 3, sizeof *means, path);
   for (uint32_t y = 0; y + 1 < height; y++) {
     float *rgb = means + (size_t)y * self->u_count * 3;
     image_read_rows(frame, y + 1, 1, row);

@@ -1,10 +1,11 @@
 #include "image.h"
 
 #include <openexr.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "fail.h"
 
 struct image {
   exr_context_t context;
@@ -15,16 +16,6 @@ struct image {
   int decode_ready;
   float *chunk; /* chunk_row_count rows of width x 3 */
 };
-
-void fail(const char *format, ...) {
-  va_list arguments;
-  va_start(arguments, format);
-  fputs("slf: ", stderr);
-  vfprintf(stderr, format, arguments);
-  fputc('\n', stderr);
-  va_end(arguments);
-  exit(1);
-}
 
 /* OpenEXR's message holds the file and the numbers; it would print it itself without a handler. */
 static char last_message[512];
@@ -44,16 +35,9 @@ static exr_context_initializer_t initializer(void) {
   return init;
 }
 
-static void *allocate(size_t nbytes, const char *path) {
-  void *memory = calloc(1, nbytes ? nbytes : 1);
-  if (!memory) fail("%s: no memory for %zu bytes", path, nbytes);
-  return memory;
-}
-
 image *image_open(const char *path) {
-  image *self = allocate(sizeof *self, path);
-  self->path = allocate(strlen(path) + 1, path);
-  strcpy(self->path, path);
+  image *self = allocate(1, sizeof *self, path);
+  self->path = format_text("%s", path);
   exr_context_initializer_t init = initializer();
   check(exr_start_read(&self->context, path, &init), path);
   exr_storage_t storage;
@@ -65,7 +49,7 @@ image *image_open(const char *path) {
   self->width = (uint32_t)(window.max.x + 1);
   self->height = (uint32_t)(window.max.y + 1);
   check(exr_get_scanlines_per_chunk(self->context, 0, &self->chunk_row_count), path);
-  self->chunk = allocate((size_t)self->chunk_row_count * self->width * 3 * sizeof(float), path);
+  self->chunk = allocate((size_t)self->chunk_row_count * self->width * 3, sizeof(float), path);
   return self;
 }
 
@@ -141,8 +125,9 @@ void image_write(const char *path, uint32_t width, uint32_t height, const float 
         path);
   for (const char *name = "BGR"; *name; name++) {
     char channel[2] = {*name, 0};
-    check(exr_add_channel(context, part, channel, EXR_PIXEL_HALF, EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1),
-          path);
+    check(
+        exr_add_channel(context, part, channel, EXR_PIXEL_HALF, EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1),
+        path);
   }
   check(exr_write_header(context), path);
   exr_encode_pipeline_t encode = EXR_ENCODE_PIPELINE_INITIALIZER;

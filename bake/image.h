@@ -1,14 +1,10 @@
 /* image.h - OpenEXR images by rows, through OpenEXR's C core: POV-Ray's frames in, means out.
  *
- * The bake's programs are short-lived: what the world does wrong ends them with one line on stderr
- * and exit status 1. */
+ * A file that is not as expected ends the program (fail.h). */
 #ifndef BAKE_IMAGE_H
 #define BAKE_IMAGE_H
 
 #include <stdint.h>
-
-/* Prints "slf: " and the message, one line; exits 1. */
-_Noreturn void fail(const char *format, ...) __attribute__((format(printf, 1, 2)));
 
 typedef struct image image;
 

@@ -1,9 +1,11 @@
-/* pack - writes a scene's surfaces, the slices that were gathered for them, and its views as .slf. */
+/* pack - writes a scene's surfaces, the slices that were gathered for them, and its views as .slf.
+ */
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "fail.h"
 #include "image.h"
 #include "surface.h"
 
@@ -22,16 +24,16 @@ typedef struct {
 } slice_reader;
 
 static void open_chunk(slice_reader *reader, uint32_t chunk_index) {
-  char path[4096];
   if (reader->chunk && reader->chunk_index == chunk_index) return;
   image_close(reader->chunk);
-  snprintf(path, sizeof path, "%s/%s/%04u.exr", reader->folder, reader->self->name, chunk_index);
+  char *path = format_text("%s/%s/%04u.exr", reader->folder, reader->self->name, chunk_index);
   reader->chunk = image_open(path);
   reader->chunk_index = chunk_index;
   if (image_width(reader->chunk) != reader->self->u_count ||
       image_height(reader->chunk) % reader->self->v_count)
     fail("%s: %u x %u texels, expected slices of %u x %u", path, image_width(reader->chunk),
          image_height(reader->chunk), reader->self->u_count, reader->self->v_count);
+  free(path);
 }
 
 static slf_result read_slice(void *context, uint32_t s, uint32_t t, float *rgb, slf_error *error) {
@@ -40,16 +42,17 @@ static slf_result read_slice(void *context, uint32_t s, uint32_t t, float *rgb, 
   const surface *self = reader->self;
   uint32_t place = reader->place[t * self->s_count + s];
   open_chunk(reader, place / reader->slices_per_chunk);
-  image_read_rows(reader->chunk, place % reader->slices_per_chunk * self->v_count, self->v_count, rgb);
+  image_read_rows(reader->chunk, place % reader->slices_per_chunk * self->v_count, self->v_count,
+                  rgb);
   return SLF_OK;
 }
 
 static slice_reader open_slices(const char *folder, const surface *self, uint32_t rays) {
-  slice_reader reader = {.folder = folder,
-                         .self = self,
-                         .slices_per_chunk = surface_slices_per_chunk(self, rays),
-                         .place = calloc((size_t)self->s_count * self->t_count, sizeof(uint32_t))};
-  if (!reader.place) fail("%s: no memory for %u x %u slices", self->name, self->s_count, self->t_count);
+  slice_reader reader = {
+      .folder = folder,
+      .self = self,
+      .slices_per_chunk = surface_slices_per_chunk(self, rays),
+      .place = allocate((size_t)self->s_count * self->t_count, sizeof *reader.place, self->name)};
   uint32_t slice_count;
   slice *slices = surface_slices(self, &slice_count);
   for (uint32_t i = 0; i < slice_count; i++)
@@ -61,8 +64,8 @@ static slice_reader open_slices(const char *folder, const surface *self, uint32_
 /* A cell of the grid is two triangles; at a pole one of them is empty and left out. */
 static uint32_t *grid_triangles(const surface *self, uint32_t *triangle_count) {
   uint32_t columns = self->column_count, rows = self->row_count;
-  uint32_t *triangles = malloc((size_t)(columns - 1) * (rows - 1) * 6 * sizeof *triangles);
-  if (!triangles) fail("%s: no memory for its mesh", self->name);
+  uint32_t *triangles =
+      allocate((size_t)(columns - 1) * (rows - 1) * 6, sizeof *triangles, self->name);
   *triangle_count = 0;
   for (uint32_t row = 0; row + 1 < rows; row++) {
     for (uint32_t column = 0; column + 1 < columns; column++) {
@@ -93,7 +96,8 @@ static void write_geometry(slf_writer *writer, const surface *self) {
   free(triangles);
 }
 
-static void write_layer(slf_writer *writer, const char *folder, const surface *self, uint32_t rays) {
+static void write_layer(slf_writer *writer, const char *folder, const surface *self,
+                        uint32_t rays) {
   slf_error error;
   slice_reader reader = open_slices(folder, self, rays);
   slf_source source = {.read_slice = read_slice, .context = &reader};
@@ -134,12 +138,11 @@ int main(int argc, char **argv) {
     fputs("usage: pack FOLDER RAYS [VIEWS] OUT.slf\n", stderr);
     return 2;
   }
-  char path[4096];
   slf_error error;
   slf_writer *writer;
   const char *folder = argv[1];
   uint32_t rays = (uint32_t)atoi(argv[2]);
-  snprintf(path, sizeof path, "%s/scene.txt", folder);
+  char *path = format_text("%s/scene.txt", folder);
   scene *whole = scene_read(path);
   check(slf_writer_create(argv[argc - 1], &writer, &error), &error);
   slf_writer_set_background(writer, whole->background);
@@ -149,6 +152,7 @@ int main(int argc, char **argv) {
     write_layer(writer, folder, &whole->surfaces[i], rays);
   }
   check(slf_writer_finish(writer, &error), &error);
+  free(path);
   scene_free(whole);
   return 0;
 }

@@ -7,7 +7,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "image.h"
+#include "fail.h"
 #include "sample.h"
 #include "surface.h"
 
@@ -28,36 +28,37 @@ static char *read_text(const char *path) {
 }
 
 static void write_text_if_changed(const char *path, const char *text, size_t nbytes) {
-  char *old = read_text(path), part[4096];
+  char *old = read_text(path), *part = format_text("%s.part", path);
   bool same = old && strlen(old) == nbytes && !memcmp(old, text, nbytes);
   free(old);
-  if (same) return;
-  snprintf(part, sizeof part, "%s.part", path);
-  FILE *file = fopen(part, "wb");
-  if (!file || fwrite(text, 1, nbytes, file) != nbytes || fclose(file) || rename(part, path))
-    fail("%s: cannot be written: %s", path, strerror(errno));
+  if (!same) {
+    FILE *file = fopen(part, "wb");
+    if (!file || fwrite(text, 1, nbytes, file) != nbytes || fclose(file) || rename(part, path))
+      fail("%s: cannot be written: %s", path, strerror(errno));
+  }
+  free(part);
 }
 
 /* The lines of the description from "surface NAME" to the next surface or the scene's own lines. */
 static void write_surface(const char *folder, const surface *self, const char *text) {
-  char head[SLF_NAME_NBYTES + 16], path[4096];
-  snprintf(head, sizeof head, "surface %s ", self->name);
+  char *head = format_text("surface %s ", self->name);
+  char *path = format_text("%s/%s", folder, self->name);
+  char *file = format_text("%s/surface.txt", path);
   const char *begin = strstr(text, head), *end = begin;
   do {
     end = strchr(end, '\n');
     end = end ? end + 1 : begin + strlen(begin);
   } while (*end && strncmp(end, "surface ", 8) && strncmp(end, "water ", 6) &&
            strncmp(end, "background ", 11));
-  snprintf(path, sizeof path, "%s/%s", folder, self->name);
-  if (mkdir(path, 0777) && errno != EEXIST)
-    fail("%s: cannot be made: %s", path, strerror(errno));
-  snprintf(path, sizeof path, "%s/%s/surface.txt", folder, self->name);
-  write_text_if_changed(path, begin, (size_t)(end - begin));
+  if (mkdir(path, 0777) && errno != EEXIST) fail("%s: cannot be made: %s", path, strerror(errno));
+  write_text_if_changed(file, begin, (size_t)(end - begin));
+  free(file);
+  free(path);
+  free(head);
 }
 
 static void write_rules(FILE *out, const char *folder, const surface *self, uint32_t rays) {
-  char path[4096];
-  snprintf(path, sizeof path, "%s/%s", folder, self->name);
+  char *path = format_text("%s/%s", folder, self->name);
   uint32_t part_count = surface_ray_part_count(self, rays);
   for (uint32_t i = 0; i < part_count; i++)
     fprintf(out, "RAY_PARTS += %s/rays.%04u\n%s/rays.made: %s/rays.%04u\n", path, i, path, path, i);
@@ -65,6 +66,7 @@ static void write_rules(FILE *out, const char *folder, const surface *self, uint
   for (uint32_t i = 0, chunk_count = surface_chunk_count(self, rays); i < chunk_count; i++)
     fprintf(out, "CHUNKS += %s/%04u.exr\n%s/%04u.exr: %s/surface.txt%s%s%s\n", path, i, path, i,
             path, part_count ? " " : "", part_count ? path : "", part_count ? "/rays" : "");
+  free(path);
 }
 
 int main(int argc, char **argv) {

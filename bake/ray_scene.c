@@ -3,13 +3,14 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "image.h"
+#include "fail.h"
 #include "sample.h"
 #include "surface.h"
 
 int main(int argc, char **argv) {
   if (argc != 7) {
-    fputs("usage: ray_scene SURFACE.txt SCENE.pov TEXEL_SCALE RAYS PART OUT.txt > PART.pov\n", stderr);
+    fputs("usage: ray_scene SURFACE.txt SCENE.pov TEXEL_SCALE RAYS PART OUT.txt > PART.pov\n",
+          stderr);
     return 2;
   }
   scene *whole = scene_read(argv[1]);

@@ -4,7 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "image.h"
+#include "fail.h"
 #include "surface.h"
 
 static double dot(const float *a, const float *b) {
@@ -38,8 +38,7 @@ int main(int argc, char **argv) {
     for (int j = 0; j < 12; j++)
       if (fscanf(text, "%f", &values[j]) != 1)
         fail("surface '%s': POV-Ray wrote %zu of %zu rays", self->name, i, count);
-    if (!isfinite(dot(values, values)) ||
-        !frame_is_orthonormal(values + 3, values + 6, values + 9))
+    if (!isfinite(dot(values, values)) || !frame_is_orthonormal(values + 3, values + 6, values + 9))
       fail("surface '%s', texel %zu,%zu: no orthonormal frame at P = %g %g %g", self->name,
            texel % self->u_count, rows.first + texel / self->u_count, values[0], values[1],
            values[2]);

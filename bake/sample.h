@@ -1,9 +1,10 @@
 /* sample.h - where in a texel and in a cell of directions the rays of one sample start and go.
  *
  * The rays of a sample are the rows of an orthogonal array of strength 2 over p levels, p prime:
- * for a, b in 0 .. p-1 the strata are U = a, V = b, S = (a + b) mod p, T = (a + 2b) mod p. For p >= 3
- * every pair of the four axes meets each of its p x p strata once (Bush 1952; Owen 1992). Each ray
- * has a random offset within its strata, from a generator that depends on the arguments only. */
+ * for a, b in 0 .. p-1 the strata are U = a, V = b, S = (a + b) mod p, T = (a + 2b) mod p. For p >=
+ * 3 every pair of the four axes meets each of its p x p strata once (Bush 1952; Owen 1992). Each
+ * ray has a random offset within its strata, from a generator that depends on the arguments only.
+ */
 #ifndef BAKE_SAMPLE_H
 #define BAKE_SAMPLE_H
 

@@ -5,10 +5,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "image.h"
+#include "fail.h"
 
-/* Rays of one run of POV-Ray: some 10 s of work, against 0.3 s to start. */
-static const uint64_t planar_chunk_rays = 3u << 20;
+/* Rays of one run of POV-Ray: some 3 s of work, against 0.3 s to start. */
+static const uint64_t planar_chunk_rays = 1u << 20;
 /* POV-Ray keeps 270 bytes for each face of a curved surface's camera, and parses them alone. */
 static const uint64_t curved_chunk_rays = 1u << 20;
 
@@ -17,12 +17,6 @@ static const uint64_t ray_part_samples = 1u << 17;
 
 static const char *const name_characters =
     "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-";
-
-static void *grow(void *memory, size_t count, size_t nbytes, const char *path) {
-  void *grown = realloc(memory, count * nbytes);
-  if (!grown) fail("%s: no memory for %zu bytes", path, count * nbytes);
-  return grown;
-}
 
 static void check_surface(const char *path, const scene *self, const surface *new) {
   if (new->name[0] == '-' || new->name[strspn(new->name, name_characters)])
@@ -39,11 +33,11 @@ static void check_surface(const char *path, const scene *self, const surface *ne
 }
 
 static void read_vertices(FILE *file, const char *path, surface *self) {
-  if (fscanf(file, "%u %u", &self->column_count, &self->row_count) != 2 ||
-      self->column_count < 2 || self->row_count < 2)
+  if (fscanf(file, "%u %u", &self->column_count, &self->row_count) != 2 || self->column_count < 2 ||
+      self->row_count < 2)
     fail("%s: surface '%s': a mesh has at least 2 x 2 vertices", path, self->name);
   size_t count = (size_t)self->column_count * self->row_count;
-  self->vertices = grow(NULL, count, sizeof *self->vertices, path);
+  self->vertices = allocate(count, sizeof *self->vertices, path);
   for (size_t i = 0; i < count; i++) {
     slf_vertex *vertex = &self->vertices[i];
     float *values[5] = {vertex->position, vertex->normal, vertex->tangent_u, vertex->tangent_v,
@@ -70,15 +64,15 @@ static void read_surface(FILE *file, const char *path, scene *self) {
   if (self->surface_count == SLF_MAX_SURFACES)
     fail("%s: more than %d surfaces", path, SLF_MAX_SURFACES);
   new.flags = (wrap_u ? SLF_SURFACE_WRAP_U : 0u) | (wrap_v ? SLF_SURFACE_WRAP_V : 0u);
-  self->surfaces = grow(self->surfaces, self->surface_count + 1, sizeof new, path);
+  self->surfaces = realloc(self->surfaces, (self->surface_count + 1) * sizeof new);
+  if (!self->surfaces) fail("%s: no memory for %u surfaces", path, self->surface_count + 1);
   self->surfaces[self->surface_count++] = new;
 }
 
 scene *scene_read(const char *path) {
   FILE *file = fopen(path, "r");
   if (!file) fail("%s: cannot be opened", path);
-  scene *self = grow(NULL, 1, sizeof *self, path);
-  *self = (scene){0};
+  scene *self = allocate(1, sizeof *self, path);
   char word[SLF_NAME_NBYTES];
   while (fscanf(file, "%63s", word) == 1) {
     surface *last = self->surface_count ? &self->surfaces[self->surface_count - 1] : NULL;
@@ -124,7 +118,7 @@ const surface *scene_find(const scene *self, const char *name) {
 }
 
 slice *surface_slices(const surface *self, uint32_t *slice_count) {
-  slice *slices = grow(NULL, (size_t)self->s_count * self->t_count, sizeof *slices, self->name);
+  slice *slices = allocate((size_t)self->s_count * self->t_count, sizeof *slices, self->name);
   *slice_count = 0;
   for (uint32_t t = 0; t < self->t_count; t++)
     for (uint32_t s = 0; s < self->s_count; s++)
