@@ -1,0 +1,1 @@
+VIEWER_CORE_OBJECTS += $(OBJ)/viewer/ripple.o
