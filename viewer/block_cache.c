@@ -1,0 +1,271 @@
+#include "block_cache.h"
+
+#include <assert.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { PINNED_COUNT = 2 * BLOCK_MAX_SLICES };
+
+/* key: layer number << 38 | block number << 16 | slice. Blocks number at most 2^22 a layer, layers
+ * at most 2^15. */
+typedef struct {
+  uint64_t key;
+  uint32_t slot;
+  uint32_t used; /* since the clock's hand passed */
+} table_entry;
+
+static const uint64_t no_key = UINT64_MAX;
+
+typedef struct {
+  block_cache *cache;
+  uint32_t surface, layer;
+  uint32_t block_u_count;
+  uint64_t key_base;
+} cached_layer;
+
+struct block_cache {
+  const slf_file *file;
+  size_t capacity, slot_count, resident;
+  uint8_t *u_blocks;      /* slot_count blocks */
+  uint64_t *slot_keys;    /* no_key when free */
+  uint32_t *slot_frames;  /* the frame that decompressed it */
+  uint32_t *free_slots;
+  size_t free_count;
+  table_entry *table; /* open addressing, linear probing */
+  uint64_t table_mask;
+  size_t hand;
+  /* The slots of the two latest fetches. */
+  uint32_t pinned[2][BLOCK_MAX_SLICES];
+  size_t pinned_count[2];
+  int latest;
+  uint32_t *slot_pins; /* in how many of the two fetches a slot is */
+  size_t pinned_slots; /* slots with any */
+  cached_layer *layers;
+  uint32_t *first_layer; /* of each surface */
+  uint32_t layer_count;
+  uint32_t frame;
+  block_cache_counts counts;
+};
+
+/* The slices of a small (S,T) group of one block hash to the same run of entries, so that the look-
+ * ups of one block of texels touch one or two cache lines of the table. */
+static uint64_t home_of(const block_cache *cache, uint64_t key) {
+  uint64_t group = key >> 16 << 16 | (key >> 9 & 0x7f) << 8 | (key >> 1 & 0x7f);
+  uint64_t within = (key >> 7 & 2) | (key & 1);
+  return ((group * 0x9e3779b97f4a7c15u >> 20 << 2) + within) & cache->table_mask;
+}
+
+static uint64_t find_entry(const block_cache *cache, uint64_t key) {
+  uint64_t i = home_of(cache, key);
+  while (cache->table[i].key != key && cache->table[i].key != no_key)
+    i = (i + 1) & cache->table_mask;
+  return i;
+}
+
+/* Removes an entry and closes the gap, so that no probe sequence is broken. */
+static void remove_entry(block_cache *cache, uint64_t hole) {
+  for (uint64_t i = (hole + 1) & cache->table_mask; cache->table[i].key != no_key;
+       i = (i + 1) & cache->table_mask) {
+    uint64_t home = home_of(cache, cache->table[i].key);
+    bool reachable = ((i - home) & cache->table_mask) < ((i - hole) & cache->table_mask);
+    if (reachable) continue;
+    cache->table[hole] = cache->table[i];
+    hole = i;
+  }
+  cache->table[hole].key = no_key;
+}
+
+static void evict_slot(block_cache *cache, uint32_t slot) {
+  remove_entry(cache, find_entry(cache, cache->slot_keys[slot]));
+  cache->slot_keys[slot] = no_key;
+  cache->free_slots[cache->free_count++] = slot;
+  cache->resident--;
+}
+
+/* Evicts the next unpinned block that was not used since the hand passed it before. */
+static void evict_one(block_cache *cache) {
+  for (;;) {
+    uint32_t slot = (uint32_t)cache->hand;
+    cache->hand = cache->hand + 1 < cache->slot_count ? cache->hand + 1 : 0;
+    if (cache->slot_keys[slot] == no_key || cache->slot_pins[slot]) continue;
+    table_entry *entry = &cache->table[find_entry(cache, cache->slot_keys[slot])];
+    if (!entry->used) {
+      evict_slot(cache, slot);
+      return;
+    }
+    entry->used = 0;
+  }
+}
+
+static void pin(block_cache *cache, uint32_t slot) {
+  cache->pinned_slots += cache->slot_pins[slot]++ == 0;
+}
+
+/* Releases the older of the two pinned sets and evicts what the capacity does not hold. */
+static void release_oldest(block_cache *cache) {
+  int oldest = 1 - cache->latest;
+  for (size_t i = 0; i < cache->pinned_count[oldest]; i++)
+    cache->pinned_slots -= --cache->slot_pins[cache->pinned[oldest][i]] == 0;
+  cache->pinned_count[oldest] = 0;
+  while (cache->resident - cache->pinned_slots > cache->capacity) evict_one(cache);
+}
+
+static void fetch_blocks(void *context, uint32_t block_u, uint32_t block_v,
+                         const slice_index *slices, size_t count, const uint8_t **u_blocks) {
+  cached_layer *layer = context;
+  block_cache *cache = layer->cache;
+  slf_block_address missing[BLOCK_MAX_SLICES];
+  uint8_t *targets[BLOCK_MAX_SLICES];
+  size_t missing_count = 0;
+  uint64_t base =
+      layer->key_base | ((uint64_t)block_v * layer->block_u_count + block_u) << 16;
+  assert(count <= BLOCK_MAX_SLICES);
+
+  release_oldest(cache);
+  cache->latest = 1 - cache->latest;
+  uint32_t *pinned = cache->pinned[cache->latest];
+  for (size_t i = 0; i < count; i++) {
+    uint64_t key = base | slices[i];
+    table_entry *entry = &cache->table[find_entry(cache, key)];
+    if (entry->key != key) {
+      uint32_t slot = cache->free_slots[--cache->free_count];
+      *entry = (table_entry){.key = key, .slot = slot};
+      cache->slot_keys[slot] = key;
+      cache->slot_frames[slot] = cache->frame;
+      cache->resident++;
+      missing[missing_count] = (slf_block_address){.s = slices[i] >> 8,
+                                                   .t = slices[i] & 0xff,
+                                                   .block_u = (uint16_t)block_u,
+                                                   .block_v = (uint16_t)block_v};
+      targets[missing_count++] = cache->u_blocks + (size_t)slot * SLF_BLOCK_NBYTES;
+    }
+    entry->used = 1;
+    pinned[i] = entry->slot;
+    pin(cache, entry->slot);
+    u_blocks[i] = cache->u_blocks + (size_t)entry->slot * SLF_BLOCK_NBYTES;
+  }
+  cache->pinned_count[cache->latest] = count;
+  cache->counts.lookups += count;
+  cache->counts.frame_lookups += count;
+  cache->counts.hits += count - missing_count;
+  if (missing_count == 0) return;
+  cache->counts.decompressions += missing_count;
+  cache->counts.frame_decompressions += missing_count;
+  slf_decode_blocks(cache->file, layer->surface, layer->layer, missing, missing_count, targets);
+}
+
+void block_cache_clear(block_cache *cache) {
+  cache->free_count = 0;
+  for (size_t i = 0; i < cache->slot_count; i++) {
+    cache->slot_keys[i] = no_key;
+    cache->slot_pins[i] = 0;
+    cache->free_slots[cache->free_count++] = (uint32_t)(cache->slot_count - 1 - i);
+  }
+  for (uint64_t i = 0; i <= cache->table_mask; i++) cache->table[i].key = no_key;
+  cache->pinned_count[0] = cache->pinned_count[1] = 0;
+  cache->pinned_slots = cache->resident = cache->hand = 0;
+}
+
+static bool number_layers(block_cache *cache) {
+  uint32_t surface_count = slf_surface_count(cache->file);
+  cache->first_layer = calloc(surface_count + (size_t)1, sizeof *cache->first_layer);
+  if (!cache->first_layer) return false;
+  for (uint32_t i = 0; i < surface_count; i++)
+    cache->first_layer[i + 1] =
+        cache->first_layer[i] + slf_get_surface(cache->file, i)->layer_count;
+  cache->layer_count = cache->first_layer[surface_count];
+  cache->layers = calloc(cache->layer_count + (size_t)1, sizeof *cache->layers);
+  if (!cache->layers) return false;
+  for (uint32_t i = 0; i < surface_count; i++)
+    for (uint32_t k = 0; k < slf_get_surface(cache->file, i)->layer_count; k++) {
+      uint32_t number = cache->first_layer[i] + k;
+      cache->layers[number] =
+          (cached_layer){.cache = cache,
+                         .surface = i,
+                         .layer = k,
+                         .block_u_count = slf_get_surface(cache->file, i)->layers[k].block_u_count,
+                         .key_base = (uint64_t)number << 38};
+    }
+  return true;
+}
+
+block_cache *block_cache_create(const slf_file *file, size_t capacity) {
+  if (capacity > UINT32_MAX / 4) return NULL;
+  block_cache *cache = calloc(1, sizeof *cache);
+  if (!cache) return NULL;
+  cache->file = file;
+  cache->capacity = capacity;
+  cache->slot_count = capacity + PINNED_COUNT;
+  uint64_t table_count = 4;
+  while (table_count < 2 * cache->slot_count) table_count *= 2;
+  cache->table_mask = table_count - 1;
+  cache->u_blocks = aligned_alloc(64, cache->slot_count * SLF_BLOCK_NBYTES);
+  cache->slot_keys = malloc(cache->slot_count * sizeof *cache->slot_keys);
+  cache->slot_frames = malloc(cache->slot_count * sizeof *cache->slot_frames);
+  cache->slot_pins = malloc(cache->slot_count * sizeof *cache->slot_pins);
+  cache->free_slots = malloc(cache->slot_count * sizeof *cache->free_slots);
+  cache->table = aligned_alloc(64, table_count * sizeof *cache->table);
+  if (!cache->u_blocks || !cache->slot_keys || !cache->slot_frames || !cache->slot_pins ||
+      !cache->free_slots || !cache->table || !number_layers(cache)) {
+    block_cache_free(cache);
+    return NULL;
+  }
+  block_cache_clear(cache);
+  return cache;
+}
+
+void block_cache_free(block_cache *cache) {
+  if (!cache) return;
+  free(cache->u_blocks);
+  free(cache->slot_keys);
+  free(cache->slot_frames);
+  free(cache->slot_pins);
+  free(cache->free_slots);
+  free(cache->table);
+  free(cache->layers);
+  free(cache->first_layer);
+  free(cache);
+}
+
+void block_cache_begin_frame(block_cache *cache) {
+  cache->frame++;
+  cache->counts.frame_lookups = cache->counts.frame_decompressions = 0;
+}
+
+block_source block_cache_layer(block_cache *cache, uint32_t surface_index, uint32_t layer_index) {
+  uint32_t number = cache->first_layer[surface_index] + layer_index;
+  assert(number < cache->first_layer[surface_index + 1]);
+  return (block_source){.fetch = fetch_blocks, .context = &cache->layers[number]};
+}
+
+const block_cache_counts *block_cache_get_counts(const block_cache *cache) {
+  return &cache->counts;
+}
+
+size_t block_cache_resident(const block_cache *cache) {
+  return cache->resident;
+}
+
+size_t block_cache_nbytes(const block_cache *cache) {
+  return sizeof *cache + cache->slot_count * (SLF_BLOCK_NBYTES + sizeof *cache->slot_keys +
+                                              sizeof *cache->slot_frames +
+                                              sizeof *cache->slot_pins + sizeof *cache->free_slots) +
+         (cache->table_mask + 1) * sizeof *cache->table;
+}
+
+void block_cache_visit(const block_cache *cache, uint32_t surface_index, uint32_t layer_index,
+                       void (*visit)(void *context, slf_block_address address, bool fresh),
+                       void *context) {
+  uint32_t number = cache->first_layer[surface_index] + layer_index;
+  const cached_layer *layer = &cache->layers[number];
+  for (size_t i = 0; i < cache->slot_count; i++) {
+    uint64_t key = cache->slot_keys[i];
+    if (key == no_key || key >> 38 != number) continue;
+    uint32_t block = (uint32_t)(key >> 16) & 0x3fffff;
+    slf_block_address address = {.s = (uint16_t)(key >> 8 & 0xff),
+                                 .t = (uint16_t)(key & 0xff),
+                                 .block_u = (uint16_t)(block % layer->block_u_count),
+                                 .block_v = (uint16_t)(block / layer->block_u_count)};
+    visit(context, address, cache->slot_frames[i] == cache->frame);
+  }
+}

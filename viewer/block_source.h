@@ -1,0 +1,25 @@
+/* block_source.h - where the four-tap mix gets its U-Blocks from: the block cache over a .slf file,
+ * an uncompressed table, or a closed form in a test. */
+#ifndef BLOCK_SOURCE_H
+#define BLOCK_SOURCE_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* A block of 8x8 texels is mixed out of at most 64 cells of (S,T), four slices each. */
+enum { BLOCK_MAX_SLICES = 256 };
+
+/* A slice, s_index << 8 | t_index. */
+typedef uint16_t slice_index;
+
+/* Sets u_blocks[i] to the U-Block (SLF_BLOCK_NBYTES, as in slf.h) of slices[i] at block (block_u,
+ * block_v) of the source's layer, for i < count <= BLOCK_MAX_SLICES. The slices differ from each
+ * other. The addresses stay valid until the call after the next one, so that one block can be
+ * fetched while the block before it is mixed. */
+typedef struct {
+  void (*fetch)(void *context, uint32_t block_u, uint32_t block_v, const slice_index *slices,
+                size_t count, const uint8_t **u_blocks);
+  void *context;
+} block_source;
+
+#endif

@@ -1,0 +1,402 @@
+#include "draw.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "gl_api.h"
+
+/* Not in GL 3.3 core, but in every driver; where it is missing, filtering is only trilinear. */
+#define TEXTURE_MAX_ANISOTROPY 0x84FE
+#define MAX_TEXTURE_MAX_ANISOTROPY 0x84FF
+
+typedef struct {
+  GLuint texture;
+  bool matte;      /* made once */
+  texture texels;  /* of a shiny layer */
+} drawn_layer;
+
+typedef struct {
+  GLuint vertex_array, vertices, indices;
+  GLsizei index_count;
+  drawn_layer *layers;
+  uint32_t layer_count;
+} drawn_surface;
+
+struct drawing {
+  const slf_file *file;
+  block_cache *cache;
+  drawn_surface *surfaces;
+  uint32_t surface_count;
+  float centre[3], radius; /* a sphere around all vertices */
+  GLuint program;
+  GLint clip_uniform, paint_uniform;
+  GLuint framebuffer, colour, depth;
+  int width_px, height_px;
+};
+
+/* Colour comes premultiplied by coverage: texels that were not made are zeros, so that bilinear,
+ * mip-mapped and anisotropic filters all sum colour and weight over the texels that were, and the
+ * quotient is their weighted mean. Nothing undefined reaches the screen at any level. */
+static const char vertex_shader[] = "#version 330 core\n"
+                                    "layout(location = 0) in vec3 position;\n"
+                                    "layout(location = 1) in vec2 uv;\n"
+                                    "uniform mat4 clip;\n"
+                                    "out vec2 texel;\n"
+                                    "void main() {\n"
+                                    "  texel = uv;\n"
+                                    "  gl_Position = clip * vec4(position, 1.0);\n"
+                                    "}\n";
+static const char fragment_shader[] = "#version 330 core\n"
+                                      "uniform sampler2D light;\n"
+                                      "uniform vec4 paint;\n"
+                                      "in vec2 texel;\n"
+                                      "out vec4 colour;\n"
+                                      "void main() {\n"
+                                      "  vec4 sum = texture(light, texel);\n"
+                                      "  vec3 radiance = sum.rgb / max(sum.a, 1.0 / 65536.0);\n"
+                                      "  colour = vec4(mix(radiance, paint.rgb, paint.a), 1.0);\n"
+                                      "}\n";
+
+static slf_result fail(slf_error *error, slf_result result, const char *message) {
+  snprintf(error->message, sizeof error->message, "%s", message);
+  return result;
+}
+
+static GLuint compile(GLenum kind, const char *source, slf_error *error) {
+  GLuint shader = gl.CreateShader(kind);
+  GLint ok = 0;
+  gl.ShaderSource(shader, 1, &source, NULL);
+  gl.CompileShader(shader);
+  gl.GetShaderiv(shader, GL_COMPILE_STATUS, &ok);
+  if (ok) return shader;
+  gl.GetShaderInfoLog(shader, sizeof error->message, NULL, error->message);
+  gl.DeleteShader(shader);
+  return 0;
+}
+
+static slf_result link_program(drawing *d, slf_error *error) {
+  GLuint vertex = compile(GL_VERTEX_SHADER, vertex_shader, error);
+  GLuint fragment = compile(GL_FRAGMENT_SHADER, fragment_shader, error);
+  if (!vertex || !fragment) return SLF_ERROR_IO;
+  GLint ok = 0;
+  d->program = gl.CreateProgram();
+  gl.AttachShader(d->program, vertex);
+  gl.AttachShader(d->program, fragment);
+  gl.LinkProgram(d->program);
+  gl.DeleteShader(vertex);
+  gl.DeleteShader(fragment);
+  gl.GetProgramiv(d->program, GL_LINK_STATUS, &ok);
+  if (!ok) {
+    gl.GetProgramInfoLog(d->program, sizeof error->message, NULL, error->message);
+    return SLF_ERROR_IO;
+  }
+  d->clip_uniform = gl.GetUniformLocation(d->program, "clip");
+  d->paint_uniform = gl.GetUniformLocation(d->program, "paint");
+  return SLF_OK;
+}
+
+/* Triangles wound so that the side of their vertices' normals is the front. */
+static uint32_t *wound_triangles(const slf_mesh *mesh) {
+  uint32_t *indices = malloc((3 * (size_t)mesh->triangle_count + 1) * sizeof *indices);
+  if (!indices) return NULL;
+  for (size_t i = 0; i < mesh->triangle_count; i++) {
+    const uint32_t *v = mesh->triangles + 3 * i;
+    const slf_vertex *p[3];
+    float normal[3], plane[3];
+    for (int k = 0; k < 3; k++) p[k] = &mesh->vertices[v[k]];
+    for (int k = 0; k < 3; k++) {
+      int a = (k + 1) % 3, b = (k + 2) % 3;
+      normal[k] = p[0]->normal[k] + p[1]->normal[k] + p[2]->normal[k];
+      plane[k] = (p[1]->position[a] - p[0]->position[a]) * (p[2]->position[b] - p[0]->position[b]) -
+                 (p[1]->position[b] - p[0]->position[b]) * (p[2]->position[a] - p[0]->position[a]);
+    }
+    bool flip = normal[0] * plane[0] + normal[1] * plane[1] + normal[2] * plane[2] < 0;
+    indices[3 * i] = v[0];
+    indices[3 * i + 1] = v[flip ? 2 : 1];
+    indices[3 * i + 2] = v[flip ? 1 : 2];
+  }
+  return indices;
+}
+
+static bool upload_mesh(drawn_surface *s, const slf_mesh *mesh) {
+  uint32_t *indices = wound_triangles(mesh);
+  if (!indices) return false;
+  s->index_count = (GLsizei)(3 * mesh->triangle_count);
+  gl.GenVertexArrays(1, &s->vertex_array);
+  gl.BindVertexArray(s->vertex_array);
+  gl.GenBuffers(1, &s->vertices);
+  gl.BindBuffer(GL_ARRAY_BUFFER, s->vertices);
+  gl.BufferData(GL_ARRAY_BUFFER, (GLsizeiptr)(mesh->vertex_count * sizeof(slf_vertex)),
+                mesh->vertices, GL_STATIC_DRAW);
+  gl.GenBuffers(1, &s->indices);
+  gl.BindBuffer(GL_ELEMENT_ARRAY_BUFFER, s->indices);
+  gl.BufferData(GL_ELEMENT_ARRAY_BUFFER, (GLsizeiptr)(3 * (size_t)mesh->triangle_count * 4),
+                indices, GL_STATIC_DRAW);
+  gl.EnableVertexAttribArray(0);
+  gl.VertexAttribPointer(0, 3, GL_FLOAT, GL_FALSE, sizeof(slf_vertex),
+                         (const void *)offsetof(slf_vertex, position));
+  gl.EnableVertexAttribArray(1);
+  gl.VertexAttribPointer(1, 2, GL_FLOAT, GL_FALSE, sizeof(slf_vertex),
+                         (const void *)offsetof(slf_vertex, u));
+  free(indices);
+  return true;
+}
+
+static bool has_extension(const char *name) {
+  GLint count = 0;
+  gl.GetIntegerv(GL_NUM_EXTENSIONS, &count);
+  for (GLint i = 0; i < count; i++)
+    if (!strcmp((const char *)gl.GetStringi(GL_EXTENSIONS, (GLuint)i), name)) return true;
+  return false;
+}
+
+static void create_texture(drawn_layer *layer, const slf_surface *surface, const slf_layer *shape) {
+  bool wrap_u = surface->flags & SLF_SURFACE_WRAP_U, wrap_v = surface->flags & SLF_SURFACE_WRAP_V;
+  gl.GenTextures(1, &layer->texture);
+  gl.BindTexture(GL_TEXTURE_2D, layer->texture);
+  gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, wrap_u ? GL_REPEAT : GL_CLAMP_TO_EDGE);
+  gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, wrap_v ? GL_REPEAT : GL_CLAMP_TO_EDGE);
+  gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+  gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);
+  if (has_extension("GL_EXT_texture_filter_anisotropic")) {
+    GLint most = 1;
+    gl.GetIntegerv(MAX_TEXTURE_MAX_ANISOTROPY, &most);
+    gl.TexParameterf(GL_TEXTURE_2D, TEXTURE_MAX_ANISOTROPY, (float)most);
+  }
+  gl.TexImage2D(GL_TEXTURE_2D, 0, GL_SRGB8_ALPHA8, (GLsizei)shape->u_count,
+                (GLsizei)shape->v_count, 0, GL_RGBA, GL_UNSIGNED_BYTE, NULL);
+}
+
+static void upload_texels(const drawn_layer *layer, const slf_layer *shape, const uint8_t *texels) {
+  gl.BindTexture(GL_TEXTURE_2D, layer->texture);
+  gl.PixelStorei(GL_UNPACK_ROW_LENGTH, (GLint)(8 * shape->block_u_count));
+  gl.TexSubImage2D(GL_TEXTURE_2D, 0, 0, 0, (GLsizei)shape->u_count, (GLsizei)shape->v_count,
+                   GL_RGBA, GL_UNSIGNED_BYTE, texels);
+  gl.PixelStorei(GL_UNPACK_ROW_LENGTH, 0);
+  gl.GenerateMipmap(GL_TEXTURE_2D);
+}
+
+/* A matte layer is one slice, shown as it is. */
+static bool upload_matte(const drawing *d, uint32_t surface, uint32_t layer_index,
+                         const drawn_layer *layer, const slf_layer *shape) {
+  size_t row_nbytes = (size_t)shape->block_u_count * 32;
+  uint8_t *texels = malloc(row_nbytes * 8 * shape->block_v_count);
+  if (!texels) return false;
+  for (uint32_t bv = 0; bv < shape->block_v_count; bv++)
+    for (uint32_t bu = 0; bu < shape->block_u_count; bu++) {
+      uint8_t u_block[SLF_BLOCK_NBYTES];
+      slf_block_address address = {.block_u = (uint16_t)bu, .block_v = (uint16_t)bv};
+      slf_decode_block(d->file, surface, layer_index, address, u_block);
+      for (size_t row = 0; row < 8; row++)
+        memcpy(texels + (8 * bv + row) * row_nbytes + (size_t)bu * 32, u_block + 32 * row, 32);
+    }
+  upload_texels(layer, shape, texels);
+  free(texels);
+  return true;
+}
+
+static bool create_surface(drawing *d, uint32_t index, uint32_t dice_px) {
+  const slf_surface *surface = slf_get_surface(d->file, index);
+  drawn_surface *s = &d->surfaces[index];
+  s->layers = calloc(surface->layer_count + (size_t)1, sizeof *s->layers);
+  if (!s->layers || !upload_mesh(s, &surface->mesh)) return false;
+  s->layer_count = surface->layer_count;
+  for (uint32_t k = 0; k < surface->layer_count; k++) {
+    const slf_layer *shape = &surface->layers[k];
+    drawn_layer *layer = &s->layers[k];
+    create_texture(layer, surface, shape);
+    layer->matte = shape->s_count == 1 && shape->t_count == 1;
+    if (layer->matte ? !upload_matte(d, index, k, layer, shape)
+                     : !texture_create(&layer->texels, &surface->mesh, shape,
+                                       block_cache_layer(d->cache, index, k), dice_px))
+      return false;
+  }
+  return true;
+}
+
+static void bound_scene(drawing *d) {
+  float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+  for (uint32_t i = 0; i < d->surface_count; i++) {
+    const slf_mesh *mesh = &slf_get_surface(d->file, i)->mesh;
+    for (uint32_t v = 0; v < mesh->vertex_count; v++)
+      for (int k = 0; k < 3; k++) {
+        low[k] = fminf(low[k], mesh->vertices[v].position[k]);
+        high[k] = fmaxf(high[k], mesh->vertices[v].position[k]);
+      }
+  }
+  float radius_2 = 0;
+  for (int k = 0; k < 3; k++) {
+    d->centre[k] = 0.5f * (low[k] + high[k]);
+    radius_2 += 0.25f * (high[k] - low[k]) * (high[k] - low[k]);
+  }
+  d->radius = sqrtf(radius_2);
+  if (!isfinite(d->radius) || !(d->radius > 0)) {
+    memset(d->centre, 0, sizeof d->centre);
+    d->radius = 1;
+  }
+}
+
+slf_result drawing_create(const slf_file *file, drawing_options options, drawing **out,
+                          slf_error *error) {
+  *out = NULL;
+  drawing *d = calloc(1, sizeof *d);
+  if (!d) return fail(error, SLF_ERROR_MEMORY, "out of memory");
+  d->file = file;
+  slf_result result = link_program(d, error);
+  if (result != SLF_OK) goto refused;
+  result = SLF_ERROR_MEMORY;
+  d->cache = block_cache_create(file, options.cache_blocks);
+  d->surfaces = calloc(slf_surface_count(file) + (size_t)1, sizeof *d->surfaces);
+  if (!d->cache || !d->surfaces) goto out_of_memory;
+  d->surface_count = slf_surface_count(file);
+  for (uint32_t i = 0; i < d->surface_count; i++)
+    if (!create_surface(d, i, options.dice_px)) goto out_of_memory;
+  bound_scene(d);
+  *out = d;
+  return SLF_OK;
+
+out_of_memory:
+  fail(error, result, "out of memory for textures and the block cache");
+refused:
+  drawing_free(d);
+  return result;
+}
+
+void drawing_free(drawing *d) {
+  if (!d) return;
+  for (uint32_t i = 0; i < d->surface_count; i++) {
+    drawn_surface *s = &d->surfaces[i];
+    for (uint32_t k = 0; k < s->layer_count; k++) {
+      gl.DeleteTextures(1, &s->layers[k].texture);
+      texture_free(&s->layers[k].texels);
+    }
+    free(s->layers);
+    gl.DeleteVertexArrays(1, &s->vertex_array);
+    gl.DeleteBuffers(1, &s->vertices);
+    gl.DeleteBuffers(1, &s->indices);
+  }
+  gl.DeleteFramebuffers(1, &d->framebuffer);
+  gl.DeleteRenderbuffers(1, &d->colour);
+  gl.DeleteRenderbuffers(1, &d->depth);
+  gl.DeleteProgram(d->program);
+  block_cache_free(d->cache);
+  free(d->surfaces);
+  free(d);
+}
+
+static slf_result resize(drawing *d, int width_px, int height_px, slf_error *error) {
+  if (d->framebuffer && d->width_px == width_px && d->height_px == height_px) return SLF_OK;
+  GLint most = 0;
+  gl.GetIntegerv(GL_MAX_RENDERBUFFER_SIZE, &most);
+  if (width_px < 1 || height_px < 1 || width_px > most || height_px > most) {
+    snprintf(error->message, sizeof error->message,
+             "a picture of %dx%d pixels (samples included): OpenGL draws 1x1 to %dx%d here",
+             width_px, height_px, most, most);
+    return SLF_ERROR_ARGUMENT;
+  }
+  if (!d->framebuffer) {
+    gl.GenFramebuffers(1, &d->framebuffer);
+    gl.GenRenderbuffers(1, &d->colour);
+    gl.GenRenderbuffers(1, &d->depth);
+  }
+  gl.BindRenderbuffer(GL_RENDERBUFFER, d->colour);
+  gl.RenderbufferStorage(GL_RENDERBUFFER, GL_SRGB8_ALPHA8, width_px, height_px);
+  gl.BindRenderbuffer(GL_RENDERBUFFER, d->depth);
+  gl.RenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT32F, width_px, height_px);
+  gl.BindFramebuffer(GL_FRAMEBUFFER, d->framebuffer);
+  gl.FramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, d->colour);
+  gl.FramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, d->depth);
+  if (gl.CheckFramebufferStatus(GL_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE)
+    return fail(error, SLF_ERROR_IO, "OpenGL: no sRGB framebuffer of that size");
+  d->width_px = width_px;
+  d->height_px = height_px;
+  return SLF_OK;
+}
+
+/* Near and far follow the scene: nearer than 1/2000 of its radius is cut off. */
+static void clip_planes(const drawing *d, const camera *c, float *z_near, float *z_far) {
+  float distance_2 = 0;
+  for (int k = 0; k < 3; k++)
+    distance_2 += (d->centre[k] - c->location[k]) * (d->centre[k] - c->location[k]);
+  float distance = sqrtf(distance_2);
+  *z_near = fmaxf(distance - d->radius * 1.01f, d->radius * 0.0005f);
+  *z_far = distance + d->radius * 1.01f;
+  if (!(*z_far > *z_near * 1.0001f)) *z_far = *z_near * 1.0001f; /* rounding, very far away */
+}
+
+slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int height_px,
+                          int mask_surface, slf_error *error) {
+  slf_result result = resize(d, width_px, height_px, error);
+  if (result != SLF_OK) return result;
+  camera c = camera_of_view(view, width_px, height_px);
+  block_cache_begin_frame(d->cache);
+  for (uint32_t i = 0; i < d->surface_count; i++)
+    for (uint32_t k = 0; k < d->surfaces[i].layer_count; k++) {
+      drawn_layer *layer = &d->surfaces[i].layers[k];
+      if (layer->matte || mask_surface >= 0) continue;
+      texture_update(&layer->texels, &c, (direction_bend){0});
+      upload_texels(layer, &slf_get_surface(d->file, i)->layers[k], layer->texels.texels);
+    }
+
+  float matrix[16], z_near, z_far, background[3];
+  clip_planes(d, &c, &z_near, &z_far);
+  camera_clip_matrix(&c, z_near, z_far, matrix);
+  slf_get_background(d->file, background);
+  if (mask_surface >= 0) memset(background, 0, sizeof background);
+  gl.BindFramebuffer(GL_FRAMEBUFFER, d->framebuffer);
+  gl.Viewport(0, 0, width_px, height_px);
+  gl.Enable(GL_FRAMEBUFFER_SRGB);
+  gl.Enable(GL_DEPTH_TEST);
+  gl.Enable(GL_CULL_FACE);
+  gl.CullFace(GL_FRONT); /* the camera is left-handed: what winds forwards winds back on screen */
+  gl.ClearColor(background[0], background[1], background[2], 1);
+  gl.Clear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+  gl.UseProgram(d->program);
+  gl.UniformMatrix4fv(d->clip_uniform, 1, GL_FALSE, matrix);
+  gl.ActiveTexture(GL_TEXTURE0);
+  gl.BlendFunc(GL_ONE, GL_ONE);
+  gl.DepthFunc(GL_LEQUAL);
+  for (uint32_t i = 0; i < d->surface_count; i++) {
+    const drawn_surface *s = &d->surfaces[i];
+    float paint = (int)i == mask_surface ? 1 : 0;
+    gl.Uniform4f(d->paint_uniform, paint, paint, paint, mask_surface >= 0 ? 1 : 0);
+    gl.BindVertexArray(s->vertex_array);
+    /* Radiance is the sum of the layers: all but the first are added at equal depth. */
+    for (uint32_t k = 0; k < s->layer_count && (k == 0 || mask_surface < 0); k++) {
+      if (k == 1) gl.Enable(GL_BLEND);
+      gl.BindTexture(GL_TEXTURE_2D, s->layers[k].texture);
+      gl.DrawElements(GL_TRIANGLES, s->index_count, GL_UNSIGNED_INT, NULL);
+    }
+    gl.Disable(GL_BLEND);
+  }
+  return SLF_OK;
+}
+
+void drawing_read(drawing *d, uint8_t *rgba) {
+  size_t row_nbytes = (size_t)d->width_px * 4;
+  gl.BindFramebuffer(GL_FRAMEBUFFER, d->framebuffer);
+  gl.ReadPixels(0, 0, d->width_px, d->height_px, GL_RGBA, GL_UNSIGNED_BYTE, rgba);
+  for (int y = 0; y < d->height_px / 2; y++) { /* GL counts rows from below */
+    uint8_t *a = rgba + (size_t)y * row_nbytes;
+    uint8_t *b = rgba + (size_t)(d->height_px - 1 - y) * row_nbytes;
+    for (size_t i = 0; i < row_nbytes; i++) {
+      uint8_t swap = a[i];
+      a[i] = b[i];
+      b[i] = swap;
+    }
+  }
+}
+
+void drawing_show(drawing *d, int width_px, int height_px) {
+  gl.Disable(GL_FRAMEBUFFER_SRGB); /* codes go to the window as they are */
+  gl.BindFramebuffer(GL_READ_FRAMEBUFFER, d->framebuffer);
+  gl.BindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
+  gl.BlitFramebuffer(0, 0, d->width_px, d->height_px, 0, 0, width_px, height_px,
+                     GL_COLOR_BUFFER_BIT, GL_NEAREST);
+}
+
+block_cache *drawing_cache(drawing *d) {
+  return d->cache;
+}

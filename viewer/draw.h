@@ -1,0 +1,34 @@
+/* draw.h - a .slf file on the graphics hardware: textures made for the camera, meshes drawn with
+ * them. Needs a current context (context.h, window.h). */
+#ifndef DRAW_H
+#define DRAW_H
+
+#include "block_cache.h"
+#include "camera.h"
+#include "texture.h"
+
+typedef struct drawing drawing;
+
+typedef struct {
+  size_t cache_blocks; /* N of the block cache */
+  uint32_t dice_px;
+} drawing_options;
+
+/* Uploads meshes and matte textures. *out is NULL on failure. The file must outlive it. */
+slf_result drawing_create(const slf_file *file, drawing_options options, drawing **out,
+                          slf_error *error);
+void drawing_free(drawing *d); /* accepts NULL */
+
+/* Draws the view into an own framebuffer of width_px x height_px. `mask_surface` >= 0 paints that
+ * surface white and all else black. */
+slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int height_px,
+                          int mask_surface, slf_error *error);
+
+/* The picture rendered last: height_px rows of width_px R G B A from the top, display code. */
+void drawing_read(drawing *d, uint8_t *rgba);
+/* Shows it in the window's framebuffer of that size. */
+void drawing_show(drawing *d, int width_px, int height_px);
+
+block_cache *drawing_cache(drawing *d);
+
+#endif

@@ -1,0 +1,305 @@
+/* slfview - shows a .slf file in a window, or writes a picture of it. */
+#include <getopt.h>
+#include <math.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "context.h"
+#include "draw.h"
+#include "image.h"
+#include "window.h"
+
+enum { EXIT_USAGE = 2, BACKEND_AUTO = BACKEND_COUNT };
+
+static const char help[] =
+    "usage: slfview FILE.slf [options]\n"
+    "\n"
+    "Shows a surface light field. In the window: drag with the left button to orbit, with the\n"
+    "right one to look around, the wheel approaches, W A S D Q E walk, R resets, Escape ends.\n"
+    "\n"
+    "  --output FILE.png   write a picture instead of opening a window\n"
+    "  --size WxH          pixels (default 640x480)\n"
+    "  --view NAME         start at a view of the file (default: its first)\n"
+    "  --camera LX,LY,LZ,AX,AY,AZ,ANGLE\n"
+    "                      location, look_at and angle in degrees, as POV-Ray means them\n"
+    "  --backend NAME      glfw, egl, osmesa or auto (default): glfw for a window; for a picture\n"
+    "                      osmesa, or egl where osmesa is not installed\n"
+    "  --cache N           blocks that stay decompressed (default 65536)\n"
+    "  --samples N         N x N samples a pixel, box filter in linear light (default 1)\n"
+    "  --mask SURFACE      paint that surface white and everything else black\n"
+    "  --dice N            polygons are diced to N texels (default 8)\n"
+    "  -h, --help          this text\n"
+    "\n"
+    "examples:\n"
+    "  slfview build/floor.slf\n"
+    "  slfview build/floor.slf --output floor.png --size 1280x720 --samples 4\n"
+    "  slfview build/floor.slf --output top.png --camera 0,5,0.1,0,0,0,60 --backend egl\n";
+
+typedef struct {
+  const char *path, *output, *view_name, *mask;
+  slf_view camera;
+  bool has_camera;
+  int width_px, height_px, samples;
+  int backend;
+  drawing_options drawing;
+} options;
+
+static int complain(const char *name, const char *message) {
+  fprintf(stderr, "slfview: %s%s%s\n", name ? name : "", name ? ": " : "", message);
+  return EXIT_FAILURE;
+}
+
+static int misuse(const char *option, const char *value, const char *expected) {
+  fprintf(stderr, "slfview: --%s %s: expected %s\n", option, value, expected);
+  return EXIT_USAGE;
+}
+
+/* A whole number of the range, and nothing after it. */
+static bool read_count(const char *text, long low, long high, long *value) {
+  char *end;
+  *value = strtol(text, &end, 10);
+  return end != text && *end == 0 && *value >= low && *value <= high;
+}
+
+static bool read_size(const char *text, int *width_px, int *height_px) {
+  char rest;
+  return sscanf(text, "%dx%d%c", width_px, height_px, &rest) == 2 && *width_px >= 1 &&
+         *height_px >= 1 && *width_px <= 16384 && *height_px <= 16384;
+}
+
+static bool read_camera(const char *text, slf_view *view) {
+  float *l = view->location, *a = view->look_at;
+  char rest;
+  if (sscanf(text, "%f,%f,%f,%f,%f,%f,%f%c", &l[0], &l[1], &l[2], &a[0], &a[1], &a[2],
+             &view->angle_deg, &rest) != 7)
+    return false;
+  for (int k = 0; k < 3; k++)
+    if (!isfinite(l[k]) || !isfinite(a[k])) return false;
+  return view->angle_deg > 0 && view->angle_deg < 180;
+}
+
+/* 0, or the exit code of a wrong command line, complained about. */
+static int read_options(int argc, char **argv, options *o) {
+  enum { OUTPUT = 256, SIZE, VIEW, CAMERA, BACKEND, CACHE, SAMPLES, MASK, DICE };
+  static const struct option known[] = {
+      {"output", required_argument, NULL, OUTPUT},   {"size", required_argument, NULL, SIZE},
+      {"view", required_argument, NULL, VIEW},       {"camera", required_argument, NULL, CAMERA},
+      {"backend", required_argument, NULL, BACKEND}, {"cache", required_argument, NULL, CACHE},
+      {"samples", required_argument, NULL, SAMPLES}, {"mask", required_argument, NULL, MASK},
+      {"dice", required_argument, NULL, DICE},       {"help", no_argument, NULL, 'h'},
+      {NULL, 0, NULL, 0}};
+  long count;
+  int code;
+  *o = (options){.width_px = 640,
+                 .height_px = 480,
+                 .samples = 1,
+                 .backend = BACKEND_AUTO,
+                 .drawing = {.cache_blocks = BLOCK_CACHE_DEFAULT, .dice_px = UV_DICE_PX}};
+  opterr = 0;
+  while ((code = getopt_long(argc, argv, ":h", known, NULL)) != -1) {
+    switch (code) {
+    case OUTPUT: o->output = optarg; break;
+    case VIEW: o->view_name = optarg; break;
+    case MASK: o->mask = optarg; break;
+    case SIZE:
+      if (!read_size(optarg, &o->width_px, &o->height_px))
+        return misuse("size", optarg, "WIDTHxHEIGHT, each 1 to 16384");
+      break;
+    case CAMERA:
+      if (!read_camera(optarg, &o->camera))
+        return misuse("camera", optarg, "seven finite numbers, the angle between 0 and 180");
+      o->has_camera = true;
+      break;
+    case BACKEND:
+      o->backend = 0;
+      while (o->backend < BACKEND_COUNT && strcmp(optarg, backend_names[o->backend])) o->backend++;
+      if (o->backend == BACKEND_COUNT && strcmp(optarg, "auto"))
+        return misuse("backend", optarg, "auto, glfw, egl or osmesa");
+      break;
+    case CACHE:
+      if (!read_count(optarg, 0, 1 << 26, &count))
+        return misuse("cache", optarg, "a number of blocks, 0 to 67108864");
+      o->drawing.cache_blocks = (size_t)count;
+      break;
+    case SAMPLES:
+      if (!read_count(optarg, 1, 64, &count)) return misuse("samples", optarg, "1 to 64");
+      o->samples = (int)count;
+      break;
+    case DICE:
+      if (!read_count(optarg, 1, SLF_MAX_TEXELS, &count))
+        return misuse("dice", optarg, "a number of texels, 1 to 16384");
+      o->drawing.dice_px = (uint32_t)count;
+      break;
+    case 'h':
+      fputs(help, stdout);
+      exit(EXIT_SUCCESS);
+    case ':':
+      fprintf(stderr, "slfview: %s: expected a value\n", argv[optind - 1]);
+      return EXIT_USAGE;
+    default:
+      fprintf(stderr, "slfview: %s: no such option; slfview --help lists them\n",
+              argv[optind - 1]);
+      return EXIT_USAGE;
+    }
+  }
+  if (optind != argc - 1) {
+    complain(NULL, "expected one FILE.slf; slfview --help shows how");
+    return EXIT_USAGE;
+  }
+  o->path = argv[optind];
+  if (o->output && o->backend == BACKEND_GLFW)
+    return misuse("backend", "glfw", "egl or osmesa with --output");
+  if (!o->output && (o->backend == BACKEND_EGL || o->backend == BACKEND_OSMESA))
+    return misuse("backend", backend_names[o->backend], "glfw, or --output FILE.png");
+  if (o->mask && !o->output) return misuse("mask", o->mask, "--output FILE.png beside it");
+  return 0;
+}
+
+/* ---- The view --------------------------------------------------------------------------------- */
+
+static slf_result choose_view(const options *o, const slf_file *file, slf_view *view,
+                              slf_error *error) {
+  if (o->has_camera) {
+    *view = o->camera;
+    return SLF_OK;
+  }
+  if (slf_view_count(file) == 0) {
+    snprintf(error->message, sizeof error->message, "has no views; give --camera");
+    return SLF_ERROR_ARGUMENT;
+  }
+  if (!o->view_name) {
+    *view = *slf_get_view(file, 0);
+    return SLF_OK;
+  }
+  int written = snprintf(error->message, sizeof error->message, "no view '%.60s'; it has",
+                         o->view_name);
+  for (uint32_t i = 0; i < slf_view_count(file); i++) {
+    const slf_view *v = slf_get_view(file, i);
+    if (!strcmp(v->name, o->view_name)) {
+      *view = *v;
+      return SLF_OK;
+    }
+    if ((size_t)written < sizeof error->message)
+      written += snprintf(error->message + written, sizeof error->message - (size_t)written, " %s",
+                          v->name);
+  }
+  return SLF_ERROR_ARGUMENT;
+}
+
+static slf_result find_surface(const slf_file *file, const char *name, int *index,
+                               slf_error *error) {
+  for (uint32_t i = 0; i < slf_surface_count(file); i++)
+    if (!strcmp(slf_get_surface(file, i)->name, name)) {
+      *index = (int)i;
+      return SLF_OK;
+    }
+  snprintf(error->message, sizeof error->message, "no surface '%.60s' among its %u", name,
+           slf_surface_count(file));
+  return SLF_ERROR_ARGUMENT;
+}
+
+/* ---- The check of the whole file, beside the drawing ------------------------------------------- */
+
+typedef struct {
+  const slf_file *file;
+  const char *path;
+  pthread_t thread;
+  bool started;
+  slf_result result;
+  slf_error error;
+} file_check;
+
+static void *verify(void *context) {
+  file_check *check = context;
+  check->result = slf_verify(check->file, &check->error);
+  if (check->result != SLF_OK) complain(NULL, check->error.message);
+  return NULL;
+}
+
+static void start_check(file_check *check, const slf_file *file, const char *path) {
+  *check = (file_check){.file = file, .path = path};
+  check->started = pthread_create(&check->thread, NULL, verify, check) == 0;
+  if (!check->started) verify(check);
+}
+
+static slf_result finish_check(file_check *check) {
+  if (check->started) pthread_join(check->thread, NULL);
+  check->started = false;
+  return check->result;
+}
+
+/* ---- Picture and window ------------------------------------------------------------------------ */
+
+static slf_result open_headless(int wanted, slf_error *error) {
+  if (wanted == BACKEND_EGL) return context_open_egl(error);
+  slf_result result = context_open_osmesa(error);
+  if (result == SLF_OK || wanted == BACKEND_OSMESA) return result;
+  fprintf(stderr, "slfview: %s; using EGL\n", error->message);
+  return context_open_egl(error);
+}
+
+static slf_result write_picture(const options *o, const slf_file *file, const slf_view *view,
+                                file_check *check, slf_error *error) {
+  drawing *d = NULL;
+  int width_px = o->width_px * o->samples, height_px = o->height_px * o->samples, mask = -1;
+  uint8_t *rgba = malloc((size_t)width_px * (size_t)height_px * 4);
+  uint8_t *reduced = malloc((size_t)o->width_px * (size_t)o->height_px * 4);
+  slf_result result = SLF_ERROR_MEMORY;
+  if (!rgba || !reduced) {
+    snprintf(error->message, sizeof error->message, "out of memory for %dx%d pixels", width_px,
+             height_px);
+    goto done;
+  }
+  if (o->mask && (result = find_surface(file, o->mask, &mask, error)) != SLF_OK) goto done;
+  if ((result = open_headless(o->backend, error)) != SLF_OK) goto done;
+  if ((result = drawing_create(file, o->drawing, &d, error)) != SLF_OK) goto done;
+  if ((result = drawing_render(d, view, width_px, height_px, mask, error)) != SLF_OK) goto done;
+  drawing_read(d, rgba);
+  image_reduce(rgba, o->width_px, o->height_px, o->samples, reduced);
+  if ((result = finish_check(check)) != SLF_OK) goto done; /* it has complained by itself */
+  result = image_write_png(o->output, reduced, o->width_px, o->height_px, error);
+done:
+  drawing_free(d);
+  context_close_egl();
+  context_close_osmesa();
+  free(rgba);
+  free(reduced);
+  return result;
+}
+
+static slf_result show_window(const options *o, const slf_file *file, const slf_view *view,
+                              slf_error *error) {
+  drawing *d = NULL;
+  slf_result result = window_open(o->path, o->width_px, o->height_px, error);
+  if (result == SLF_OK) result = drawing_create(file, o->drawing, &d, error);
+  if (result == SLF_OK) result = window_run(d, view, error);
+  drawing_free(d);
+  window_close();
+  return result;
+}
+
+int main(int argc, char **argv) {
+  options o;
+  int misused = read_options(argc, argv, &o);
+  if (misused) return misused;
+
+  slf_file *file = NULL;
+  slf_error error = {{0}};
+  slf_view view;
+  file_check check;
+  if (slf_open(o.path, &file, &error) != SLF_OK) return complain(NULL, error.message);
+  slf_result result = choose_view(&o, file, &view, &error);
+  if (result != SLF_OK) {
+    slf_close(file);
+    return complain(o.path, error.message);
+  }
+  start_check(&check, file, o.path);
+  result = o.output ? write_picture(&o, file, &view, &check, &error)
+                    : show_window(&o, file, &view, &error);
+  bool check_failed = finish_check(&check) != SLF_OK;
+  if (result != SLF_OK && error.message[0]) complain(NULL, error.message);
+  slf_close(file);
+  return result == SLF_OK && !check_failed ? EXIT_SUCCESS : EXIT_FAILURE;
+}

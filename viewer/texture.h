@@ -1,0 +1,51 @@
+/* texture.h - the texture of one layer of one surface as the camera sees it (paper, section 2.1).
+ *
+ * Each update computes (S,T) at the vertices of the diced mesh, interpolates it to the texels, and
+ * mixes the light field there, block after block of 8x8 texels, so that a C-Block is decompressed
+ * at most once an update, however small the cache. Only blocks are made that a triangle touches
+ * which faces the camera and is not outside its pyramid; all others are transparent zeros. Within
+ * a block that is made, every texel is: past the silhouette, where the surface turns away, the
+ * direction is held at the rim. So a texel's alpha says whether it holds radiance, and a filter
+ * that divides colour by alpha never shows one that does not (see draw.c). */
+#ifndef TEXTURE_H
+#define TEXTURE_H
+
+#include "camera.h"
+#include "resample.h"
+#include "uv_mesh.h"
+
+/* Changes the directions of a block of texels before they are mixed: ripples on water. Directions
+ * come in as the camera sees the texels. May be NULL. */
+typedef struct {
+  void (*bend)(void *context, uint32_t block_u, uint32_t block_v, block_directions *directions);
+  void *context;
+} direction_bend;
+
+typedef struct {
+  uv_mesh mesh;
+  slf_mesh surface_mesh; /* the caller's, not diced */
+  resampler *resampler;
+  uint8_t *texels;   /* R G B A, v_count rows (rounded up to 8) of row_nbytes */
+  size_t row_nbytes; /* 32 a block */
+  uint8_t *made;     /* of each block, row by row: whether it holds radiance */
+  uint32_t made_count;
+  float *s, *t;      /* of each diced vertex; not confined to the circle, see view_direction */
+  uint8_t *outside;  /* of each vertex of surface_mesh */
+  uint8_t *visible;  /* of each triangle of surface_mesh */
+} texture;
+
+/* dice_px: UV_DICE_PX, or another limit. The mesh and the source must outlive the texture. False if
+ * memory ran out. */
+bool texture_create(texture *x, const slf_mesh *mesh, const slf_layer *layer, block_source source,
+                    uint32_t dice_px);
+void texture_free(texture *x);
+
+/* Makes the texels that camera `c` sees. */
+void texture_update(texture *x, const camera *c, direction_bend bend);
+
+/* (S,T) of the direction from a vertex to the eye. Below the horizon (n < 0) the radius goes on
+ * from 1 to 2, so that interpolation crosses the horizon where the surface does; an eye on the
+ * vertex itself is taken to be above it. */
+void view_direction(const slf_vertex *vertex, const float eye[3], float *s, float *t);
+
+#endif
