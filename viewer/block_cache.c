@@ -26,9 +26,9 @@ typedef struct {
 struct block_cache {
   const slf_file *file;
   size_t capacity, slot_count, resident;
-  uint8_t *u_blocks;      /* slot_count blocks */
-  uint64_t *slot_keys;    /* no_key when free */
-  uint32_t *slot_frames;  /* the frame that decompressed it */
+  uint8_t *u_blocks;     /* slot_count blocks */
+  uint64_t *slot_keys;   /* no_key when free */
+  uint32_t *slot_frames; /* the frame that decompressed it */
   uint32_t *free_slots;
   size_t free_count;
   table_entry *table; /* open addressing, linear probing */
@@ -117,8 +117,7 @@ static void fetch_blocks(void *context, uint32_t block_u, uint32_t block_v,
   slf_block_address missing[BLOCK_MAX_SLICES];
   uint8_t *targets[BLOCK_MAX_SLICES];
   size_t missing_count = 0;
-  uint64_t base =
-      layer->key_base | ((uint64_t)block_v * layer->block_u_count + block_u) << 16;
+  uint64_t base = layer->key_base | ((uint64_t)block_v * layer->block_u_count + block_u) << 16;
   assert(count <= BLOCK_MAX_SLICES);
 
   release_oldest(cache);
@@ -247,9 +246,10 @@ size_t block_cache_resident(const block_cache *cache) {
 }
 
 size_t block_cache_nbytes(const block_cache *cache) {
-  return sizeof *cache + cache->slot_count * (SLF_BLOCK_NBYTES + sizeof *cache->slot_keys +
-                                              sizeof *cache->slot_frames +
-                                              sizeof *cache->slot_pins + sizeof *cache->free_slots) +
+  return sizeof *cache +
+         cache->slot_count *
+             (SLF_BLOCK_NBYTES + sizeof *cache->slot_keys + sizeof *cache->slot_frames +
+              sizeof *cache->slot_pins + sizeof *cache->free_slots) +
          (cache->table_mask + 1) * sizeof *cache->table;
 }
 

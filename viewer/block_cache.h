@@ -19,10 +19,10 @@ enum { BLOCK_CACHE_DEFAULT = 65536 };
 
 /* Counts since creation. */
 typedef struct {
-  uint64_t lookups;             /* blocks asked for */
-  uint64_t hits;                /* found decompressed */
-  uint64_t decompressions;      /* not found; lookups = hits + decompressions */
-  uint64_t frame_lookups;       /* since block_cache_begin_frame */
+  uint64_t lookups;        /* blocks asked for */
+  uint64_t hits;           /* found decompressed */
+  uint64_t decompressions; /* not found; lookups = hits + decompressions */
+  uint64_t frame_lookups;  /* since block_cache_begin_frame */
   uint64_t frame_decompressions;
 } block_cache_counts;
 

@@ -29,7 +29,8 @@ void camera_clip_matrix(const camera *c, float z_near, float z_far, float matrix
 /* Where a point lies outside the view's pyramid: a bit for each side plane and one for behind. */
 uint8_t camera_outside(const camera *c, const float point[3]);
 
-/* ---- Moving ----------------------------------------------------------------------------------- */
+/* ---- Moving -----------------------------------------------------------------------------------
+ */
 
 /* Turns the view's direction: yaw_rad about the sky, to the right; pitch_rad upwards, short of the
  * sky itself. The location stays. */

@@ -54,12 +54,15 @@ slf_result context_open_egl(slf_error *error) {
   if (!display || !egl.call.eglInitialize(display, NULL, NULL))
     return refuse("the surfaceless display", error);
   if (!egl.call.eglBindAPI(EGL_OPENGL_API)) return refuse("eglBindAPI(OpenGL)", error);
-  static const EGLint attributes[] = {EGL_CONTEXT_MAJOR_VERSION, 3, EGL_CONTEXT_MINOR_VERSION, 3,
+  static const EGLint attributes[] = {EGL_CONTEXT_MAJOR_VERSION,
+                                      3,
+                                      EGL_CONTEXT_MINOR_VERSION,
+                                      3,
                                       EGL_CONTEXT_OPENGL_PROFILE_MASK,
-                                      EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE};
+                                      EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT,
+                                      EGL_NONE};
   /* No surface and so no config: all drawing goes to framebuffer objects. */
-  egl_context =
-      egl.call.eglCreateContext(display, (EGLConfig)0, EGL_NO_CONTEXT, attributes);
+  egl_context = egl.call.eglCreateContext(display, (EGLConfig)0, EGL_NO_CONTEXT, attributes);
   if (egl_context == EGL_NO_CONTEXT) return refuse("eglCreateContext(3.3 core)", error);
   if (!egl.call.eglMakeCurrent(display, EGL_NO_SURFACE, EGL_NO_SURFACE, egl_context))
     return refuse("eglMakeCurrent", error);

@@ -37,11 +37,16 @@ slf_result context_open_osmesa(slf_error *error) {
           NULL};
   slf_result result = load_library(names, symbols, osmesa.functions, error);
   if (result != SLF_OK) return result;
-  static const int attributes[] = {OSMESA_FORMAT,          OSMESA_RGBA,
-                                   OSMESA_PROFILE,         OSMESA_CORE_PROFILE,
-                                   OSMESA_CONTEXT_MAJOR_VERSION, 3,
-                                   OSMESA_CONTEXT_MINOR_VERSION, 3,
-                                   OSMESA_DEPTH_BITS,      24,
+  static const int attributes[] = {OSMESA_FORMAT,
+                                   OSMESA_RGBA,
+                                   OSMESA_PROFILE,
+                                   OSMESA_CORE_PROFILE,
+                                   OSMESA_CONTEXT_MAJOR_VERSION,
+                                   3,
+                                   OSMESA_CONTEXT_MINOR_VERSION,
+                                   3,
+                                   OSMESA_DEPTH_BITS,
+                                   24,
                                    0};
   /* It wants a default buffer; nothing is drawn to it. */
   static unsigned char buffer[4];

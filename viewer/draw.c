@@ -13,8 +13,8 @@
 
 typedef struct {
   GLuint texture;
-  bool matte;      /* made once */
-  texture texels;  /* of a shiny layer */
+  bool matte;     /* made once */
+  texture texels; /* of a shiny layer */
 } drawn_layer;
 
 typedef struct {
@@ -165,8 +165,8 @@ static void create_texture(drawn_layer *layer, const slf_surface *surface, const
     gl.GetIntegerv(MAX_TEXTURE_MAX_ANISOTROPY, &most);
     gl.TexParameterf(GL_TEXTURE_2D, TEXTURE_MAX_ANISOTROPY, (float)most);
   }
-  gl.TexImage2D(GL_TEXTURE_2D, 0, GL_SRGB8_ALPHA8, (GLsizei)shape->u_count,
-                (GLsizei)shape->v_count, 0, GL_RGBA, GL_UNSIGNED_BYTE, NULL);
+  gl.TexImage2D(GL_TEXTURE_2D, 0, GL_SRGB8_ALPHA8, (GLsizei)shape->u_count, (GLsizei)shape->v_count,
+                0, GL_RGBA, GL_UNSIGNED_BYTE, NULL);
 }
 
 static void upload_texels(const drawn_layer *layer, const slf_layer *shape, const uint8_t *texels) {

@@ -16,9 +16,9 @@
 
 /* A block on its way: where its taps are and how they weigh. */
 typedef struct {
-  float f[64], g[64];                  /* the place inside the cell, along s and along t */
-  uint16_t cell_of[64];                /* i << 8 | j, then the number of the cell in taps */
-  const uint8_t *taps[64][4];          /* U-Blocks of (i,j) (i+1,j) (i,j+1) (i+1,j+1) */
+  float f[64], g[64];         /* the place inside the cell, along s and along t */
+  uint16_t cell_of[64];       /* i << 8 | j, then the number of the cell in taps */
+  const uint8_t *taps[64][4]; /* U-Blocks of (i,j) (i+1,j) (i,j+1) (i+1,j+1) */
   uint64_t mask;
   uint8_t *out;
   size_t row_nbytes;
@@ -41,7 +41,8 @@ struct resampler {
   note *cells, *slices; /* s_count << 8 of each: what the block taken in has asked for so far */
 };
 
-/* ---- Display code <-> linear light ------------------------------------------------------------ */
+/* ---- Display code <-> linear light ------------------------------------------------------------
+ */
 
 /* The sRGB curve as a cubic of the 8-bit code, within 0.0017 of IEC 61966-2-1: a table would need a
  * gather for each tap, the cubic is five operations for eight. The inverse is a quadratic in the
@@ -66,7 +67,8 @@ INLINE float code_from_linear(float y) {
   return c - (value - y) / slope;
 }
 
-/* ---- Where the taps are ----------------------------------------------------------------------- */
+/* ---- Where the taps are -----------------------------------------------------------------------
+ */
 
 /* A hair inside the circle, so that rounding never asks for a slice that is not stored; the angle
  * is off by at most 0.8 degrees there, 1/300 of a cell of 32. */
@@ -80,10 +82,12 @@ INLINE void place_texels(const resampler *r, const block_directions *d, pending_
   int j_last = r->t_count > 1 ? (int)r->t_count - 2 : 0;
   for (int k = 0; k < 64; k++) {
     float s = 2 * d->s[k] - 1, t = 2 * d->t[k] - 1;
+    s = fabsf(s) < 1e9f ? s : 0; /* NaN too */
+    t = fabsf(t) < 1e9f ? t : 0;
     float radius_2 = s * s + t * t;
     float pull = radius_2 > rim * rim ? rim / sqrtf(radius_2) : 1;
     float x = (s * pull + 1) * s_scale - 0.5f, y = (t * pull + 1) * t_scale - 0.5f;
-    x = x > 0 ? x : 0; /* NaN too */
+    x = x > 0 ? x : 0;
     y = y > 0 ? y : 0;
     x = x < s_last ? x : s_last;
     y = y < t_last ? y : t_last;
@@ -148,13 +152,13 @@ static void find_taps(resampler *r, uint32_t block_u, uint32_t block_v, pending_
   if (slice_count == 0) return;
   r->source.fetch(r->source.context, block_u, block_v, slices, slice_count, u_blocks);
   for (size_t i = 0; i < slice_count; i++)
-    for (int line = 0; line < SLF_BLOCK_NBYTES; line += 64)
-      __builtin_prefetch(u_blocks[i] + line);
+    for (int line = 0; line < SLF_BLOCK_NBYTES; line += 64) __builtin_prefetch(u_blocks[i] + line);
   for (uint32_t c = 0; c < cell_count; c++)
     for (int tap = 0; tap < 4; tap++) p->taps[c][tap] = u_blocks[tap_slices[c][tap]];
 }
 
-/* ---- The mix ---------------------------------------------------------------------------------- */
+/* ---- The mix ----------------------------------------------------------------------------------
+ */
 
 static void mix_plain(const pending_block *p) {
   for (int k = 0; k < 64; k++) {
@@ -216,17 +220,17 @@ TARGET_AVX2 INLINE __m256i codes(__m256 y) {
   __m256 value = _mm256_add_ps(_mm256_mul_ps(c, _mm256_set1_ps(CURVE_3)), _mm256_set1_ps(CURVE_2));
   value = _mm256_add_ps(_mm256_mul_ps(c, value), _mm256_set1_ps(CURVE_1));
   value = _mm256_mul_ps(c, value);
-  __m256 slope = _mm256_add_ps(_mm256_mul_ps(c, _mm256_set1_ps(3 * CURVE_3)),
-                               _mm256_set1_ps(2 * CURVE_2));
+  __m256 slope =
+      _mm256_add_ps(_mm256_mul_ps(c, _mm256_set1_ps(3 * CURVE_3)), _mm256_set1_ps(2 * CURVE_2));
   slope = _mm256_add_ps(_mm256_mul_ps(c, slope), _mm256_set1_ps(CURVE_1));
   c = _mm256_sub_ps(c, _mm256_div_ps(_mm256_sub_ps(value, y), slope));
   return _mm256_cvtps_epi32(c);
 }
 
 TARGET_AVX2 static void mix_avx2(const pending_block *p) {
-  const __m256i gather_bytes = _mm256_setr_epi8(0, 4, 8, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1,
-                                                -1, -1, -1, 0, 4, 8, -1, -1, -1, -1, -1, -1, -1,
-                                                -1, -1, -1, -1, -1, -1);
+  const __m256i gather_bytes =
+      _mm256_setr_epi8(0, 4, 8, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, 0, 4, 8, -1, -1,
+                       -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1);
   for (int k = 0; k < 64; k += 2) {
     uint8_t *out = p->out + (size_t)(k / 8) * p->row_nbytes + (size_t)(k % 8) * 4;
     uint32_t pair = p->mask >> k & 3;
@@ -256,7 +260,8 @@ TARGET_AVX2 static void mix_avx2(const pending_block *p) {
 }
 #endif
 
-/* ---- The stream ------------------------------------------------------------------------------- */
+/* ---- The stream -------------------------------------------------------------------------------
+ */
 
 void resampler_use_kernel(resampler *r, resample_kernel kernel) {
   r->place = place_plain;

@@ -83,13 +83,17 @@ static bool read_camera(const char *text, slf_view *view) {
 /* 0, or the exit code of a wrong command line, complained about. */
 static int read_options(int argc, char **argv, options *o) {
   enum { OUTPUT = 256, SIZE, VIEW, CAMERA, BACKEND, CACHE, SAMPLES, MASK, DICE };
-  static const struct option known[] = {
-      {"output", required_argument, NULL, OUTPUT},   {"size", required_argument, NULL, SIZE},
-      {"view", required_argument, NULL, VIEW},       {"camera", required_argument, NULL, CAMERA},
-      {"backend", required_argument, NULL, BACKEND}, {"cache", required_argument, NULL, CACHE},
-      {"samples", required_argument, NULL, SAMPLES}, {"mask", required_argument, NULL, MASK},
-      {"dice", required_argument, NULL, DICE},       {"help", no_argument, NULL, 'h'},
-      {NULL, 0, NULL, 0}};
+  static const struct option known[] = {{"output", required_argument, NULL, OUTPUT},
+                                        {"size", required_argument, NULL, SIZE},
+                                        {"view", required_argument, NULL, VIEW},
+                                        {"camera", required_argument, NULL, CAMERA},
+                                        {"backend", required_argument, NULL, BACKEND},
+                                        {"cache", required_argument, NULL, CACHE},
+                                        {"samples", required_argument, NULL, SAMPLES},
+                                        {"mask", required_argument, NULL, MASK},
+                                        {"dice", required_argument, NULL, DICE},
+                                        {"help", no_argument, NULL, 'h'},
+                                        {NULL, 0, NULL, 0}};
   long count;
   int code;
   *o = (options){.width_px = 640,
@@ -100,9 +104,15 @@ static int read_options(int argc, char **argv, options *o) {
   opterr = 0;
   while ((code = getopt_long(argc, argv, ":h", known, NULL)) != -1) {
     switch (code) {
-    case OUTPUT: o->output = optarg; break;
-    case VIEW: o->view_name = optarg; break;
-    case MASK: o->mask = optarg; break;
+    case OUTPUT:
+      o->output = optarg;
+      break;
+    case VIEW:
+      o->view_name = optarg;
+      break;
+    case MASK:
+      o->mask = optarg;
+      break;
     case SIZE:
       if (!read_size(optarg, &o->width_px, &o->height_px))
         return misuse("size", optarg, "WIDTHxHEIGHT, each 1 to 16384");
@@ -139,8 +149,7 @@ static int read_options(int argc, char **argv, options *o) {
       fprintf(stderr, "slfview: %s: expected a value\n", argv[optind - 1]);
       return EXIT_USAGE;
     default:
-      fprintf(stderr, "slfview: %s: no such option; slfview --help lists them\n",
-              argv[optind - 1]);
+      fprintf(stderr, "slfview: %s: no such option; slfview --help lists them\n", argv[optind - 1]);
       return EXIT_USAGE;
     }
   }
@@ -157,7 +166,8 @@ static int read_options(int argc, char **argv, options *o) {
   return 0;
 }
 
-/* ---- The view --------------------------------------------------------------------------------- */
+/* ---- The view ---------------------------------------------------------------------------------
+ */
 
 static slf_result choose_view(const options *o, const slf_file *file, slf_view *view,
                               slf_error *error) {
@@ -173,8 +183,8 @@ static slf_result choose_view(const options *o, const slf_file *file, slf_view *
     *view = *slf_get_view(file, 0);
     return SLF_OK;
   }
-  int written = snprintf(error->message, sizeof error->message, "no view '%.60s'; it has",
-                         o->view_name);
+  int written =
+      snprintf(error->message, sizeof error->message, "no view '%.60s'; it has", o->view_name);
   for (uint32_t i = 0; i < slf_view_count(file); i++) {
     const slf_view *v = slf_get_view(file, i);
     if (!strcmp(v->name, o->view_name)) {
@@ -200,7 +210,8 @@ static slf_result find_surface(const slf_file *file, const char *name, int *inde
   return SLF_ERROR_ARGUMENT;
 }
 
-/* ---- The check of the whole file, beside the drawing ------------------------------------------- */
+/* ---- The check of the whole file, beside the drawing -------------------------------------------
+ */
 
 typedef struct {
   const slf_file *file;
@@ -230,7 +241,8 @@ static slf_result finish_check(file_check *check) {
   return check->result;
 }
 
-/* ---- Picture and window ------------------------------------------------------------------------ */
+/* ---- Picture and window ------------------------------------------------------------------------
+ */
 
 static slf_result open_headless(int wanted, slf_error *error) {
   if (wanted == BACKEND_EGL) return context_open_egl(error);

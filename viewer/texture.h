@@ -29,9 +29,9 @@ typedef struct {
   size_t row_nbytes; /* 32 a block */
   uint8_t *made;     /* of each block, row by row: whether it holds radiance */
   uint32_t made_count;
-  float *s, *t;      /* of each diced vertex; not confined to the circle, see view_direction */
-  uint8_t *outside;  /* of each vertex of surface_mesh */
-  uint8_t *visible;  /* of each triangle of surface_mesh */
+  float *s, *t;     /* of each diced vertex; not confined to the circle, see view_direction */
+  uint8_t *outside; /* of each vertex of surface_mesh */
+  uint8_t *visible; /* of each triangle of surface_mesh */
 } texture;
 
 /* dice_px: UV_DICE_PX, or another limit. The mesh and the source must outlive the texture. False if

@@ -4,7 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* ---- Dicing ----------------------------------------------------------------------------------- */
+/* ---- Dicing -----------------------------------------------------------------------------------
+ */
 
 /* Midpoints by edge. Whether an edge is split depends on the edge alone, so the two triangles that
  * share it agree, and no T-junction arises. */
@@ -51,7 +52,8 @@ static void make_orthogonal(float v[3], const float unit[3]) {
   normalise(v);
 }
 
-/* The frame is interpolated and made orthonormal again; where two frames cancel, the first stays. */
+/* The frame is interpolated and made orthonormal again; where two frames cancel, the first stays.
+ */
 static slf_vertex middle_of(const slf_vertex *a, const slf_vertex *b) {
   slf_vertex m = *a;
   m.u = 0.5f * (a->u + b->u);
@@ -104,8 +106,8 @@ static uint32_t split_edge(dicer *d, uint32_t a, uint32_t b) {
     a = b;
     b = swap;
   }
-  if (!grow_midpoints(d) || !grow((void **)&mesh->vertices, &d->vertex_capacity,
-                                  mesh->vertex_count, sizeof *mesh->vertices)) {
+  if (!grow_midpoints(d) || !grow((void **)&mesh->vertices, &d->vertex_capacity, mesh->vertex_count,
+                                  sizeof *mesh->vertices)) {
     d->out_of_memory = true;
     return UINT32_MAX;
   }
@@ -197,7 +199,8 @@ static bool dice(uv_mesh *diced, const slf_mesh *mesh, uint32_t dice_px) {
   return !d.out_of_memory;
 }
 
-/* ---- Scan conversion -------------------------------------------------------------------------- */
+/* ---- Scan conversion --------------------------------------------------------------------------
+ */
 
 typedef struct {
   int64_t x[3], y[3]; /* snapped, in 1/UV_SNAP texel, counter-clockwise */

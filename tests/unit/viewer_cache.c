@@ -1,0 +1,223 @@
+/* The block cache: any capacity gives the same picture, counts what it does, and keeps its promise
+ * about memory. The light field is a file written here. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "viewer/block_cache.h"
+#include "viewer/texture.h"
+
+enum { TEXELS = 44, DIRECTIONS = 12 }; /* not a multiple of 8: blocks hang over the edge */
+
+static char path[] = "/tmp/slf_viewer_cache_XXXXXX";
+static slf_file *file;
+
+static slf_result read_slice(void *context, uint32_t s_index, uint32_t t_index, float *rgb,
+                             slf_error *error) {
+  (void)context, (void)error;
+  for (uint32_t i = 0; i < TEXELS * TEXELS * 3; i++) {
+    uint32_t x = i / 3 % TEXELS, y = i / 3 / TEXELS;
+    rgb[i] = (float)((x / 3 + y / 5 + s_index + 2 * t_index + i % 3) % 7) / 7;
+  }
+  return SLF_OK;
+}
+
+static int write_file(void **state) {
+  (void)state;
+  static slf_vertex vertices[4];
+  static const uint32_t triangles[6] = {0, 1, 2, 2, 1, 3};
+  for (int i = 0; i < 4; i++)
+    vertices[i] = (slf_vertex){.position = {(float)(i % 2), 0, (float)(i / 2)},
+                               .normal = {0, 1, 0},
+                               .tangent_u = {1, 0, 0},
+                               .tangent_v = {0, 0, 1},
+                               .u = (float)(i % 2),
+                               .v = (float)(i / 2)};
+  slf_error error = {{0}};
+  slf_writer *writer = NULL;
+  int descriptor = mkstemp(path);
+  if (descriptor < 0) return -1;
+  close(descriptor);
+  slf_source source = {.read_slice = read_slice};
+  slf_layer_options options = {.angular = SLF_ANGULAR_NONE,
+                               .u_count = TEXELS,
+                               .v_count = TEXELS,
+                               .s_count = DIRECTIONS,
+                               .t_count = DIRECTIONS,
+                               .quality = 80,
+                               .thread_count = 1};
+  bool ok = slf_writer_create(path, &writer, &error) == SLF_OK;
+  for (int i = 0; i < 2 && ok; i++) {
+    slf_surface surface = {
+        .mesh = {
+            .vertices = vertices, .triangles = triangles, .vertex_count = 4, .triangle_count = 2}};
+    snprintf(surface.name, sizeof surface.name, "square %d", i);
+    ok = slf_writer_add_surface(writer, &surface, &error) == SLF_OK &&
+         slf_writer_add_layer(writer, &options, &source, &error) == SLF_OK;
+  }
+  ok = ok && slf_writer_finish(writer, &error) == SLF_OK;
+  ok = ok && slf_open(path, &file, &error) == SLF_OK;
+  if (!ok) fprintf(stderr, "%s\n", error.message);
+  return ok ? 0 : -1;
+}
+
+static int remove_file(void **state) {
+  (void)state;
+  slf_close(file);
+  return unlink(path);
+}
+
+/* Eight frames of a flight over both squares, texels appended to `picture`. */
+static block_cache_counts fly(size_t capacity, uint8_t *picture, size_t *most_resident) {
+  block_cache *cache = block_cache_create(file, capacity);
+  assert_non_null(cache);
+  texture x[2];
+  for (uint32_t i = 0; i < 2; i++) {
+    const slf_surface *surface = slf_get_surface(file, i);
+    assert_true(texture_create(&x[i], &surface->mesh, &surface->layers[0],
+                               block_cache_layer(cache, i, 0), UV_DICE_PX));
+  }
+  *most_resident = 0;
+  for (int frame = 0; frame < 8; frame++) {
+    slf_view view = {.location = {0.3f + 0.05f * (float)(frame / 2), 0.4f, 0.2f},
+                     .look_at = {0.5f, 0, 0.5f},
+                     .angle_deg = 120};
+    camera c = camera_of_view(&view, 1, 1);
+    block_cache_begin_frame(cache);
+    for (int i = 0; i < 2; i++) {
+      texture_update(&x[i], &c, (direction_bend){0});
+      size_t nbytes = x[i].row_nbytes * 8 * x[i].mesh.block_v_count;
+      memcpy(picture, x[i].texels, nbytes);
+      picture += nbytes;
+      if (block_cache_resident(cache) > *most_resident)
+        *most_resident = block_cache_resident(cache);
+    }
+  }
+  block_cache_counts counts = *block_cache_get_counts(cache);
+  for (int i = 0; i < 2; i++) texture_free(&x[i]);
+  block_cache_free(cache);
+  return counts;
+}
+
+enum { PICTURE_NBYTES = 8 * 2 * 48 * 48 * 4 };
+
+static void test_any_capacity_gives_the_same_bytes(void **state) {
+  (void)state;
+  static const size_t capacities[] = {0, 1, 3, 4, 5, 100, 1000, 65536};
+  uint8_t *reference = malloc(PICTURE_NBYTES), *picture = malloc(PICTURE_NBYTES);
+  uint64_t lookups = 0, fewest = UINT64_MAX;
+  for (size_t i = 0; i < sizeof capacities / sizeof *capacities; i++) {
+    size_t resident;
+    block_cache_counts counts = fly(capacities[i], i ? picture : reference, &resident);
+    print_message("capacity %5zu: %llu look-ups, %llu decompressions, at most %zu resident\n",
+                  capacities[i], (unsigned long long)counts.lookups,
+                  (unsigned long long)counts.decompressions, resident);
+    if (i) assert_memory_equal(picture, reference, PICTURE_NBYTES);
+    if (i == 0) lookups = counts.lookups;
+    assert_int_equal(counts.lookups, lookups);
+    assert_int_equal(counts.lookups, counts.hits + counts.decompressions);
+    /* N between fetches, plus what the two latest fetches pinned. */
+    assert_true(resident <= capacities[i] + 2 * BLOCK_MAX_SLICES);
+    assert_true(counts.decompressions <= fewest);
+    fewest = counts.decompressions;
+    /* A cache that holds nothing decompresses each block of each frame once, and no more. */
+    if (i == 0) assert_int_equal(counts.decompressions, counts.lookups);
+  }
+  /* The largest holds all: frames 2 k and 2 k + 1 are the same, so half of all look-ups hit. */
+  assert_true(fewest * 2 <= lookups);
+  free(reference);
+  free(picture);
+}
+
+typedef struct {
+  size_t all, fresh;
+} tally;
+
+static void count_block(void *context, slf_block_address address, bool fresh) {
+  tally *t = context;
+  assert_true(address.s < DIRECTIONS && address.t < DIRECTIONS);
+  assert_true(address.block_u < 6 && address.block_v < 6);
+  t->all++;
+  t->fresh += fresh;
+}
+
+static void test_counts_of_a_frame_and_the_map(void **state) {
+  (void)state;
+  block_cache *cache = block_cache_create(file, 50);
+  block_source source = block_cache_layer(cache, 1, 0);
+  const uint8_t *blocks[3];
+  const slice_index first[3] = {5 << 8 | 5, 5 << 8 | 6, 6 << 8 | 5}, second[2] = {6 << 8 | 5, 2};
+  block_cache_begin_frame(cache);
+  source.fetch(source.context, 2, 3, first, 3, blocks);
+  uint8_t expected[SLF_BLOCK_NBYTES];
+  slf_decode_block(file, 1, 0, (slf_block_address){.s = 6, .t = 5, .block_u = 2, .block_v = 3},
+                   expected);
+  assert_memory_equal(blocks[2], expected, SLF_BLOCK_NBYTES);
+  block_cache_begin_frame(cache);
+  source.fetch(source.context, 2, 3, second, 2, blocks);
+  assert_memory_equal(blocks[0], expected, SLF_BLOCK_NBYTES);
+  const block_cache_counts *counts = block_cache_get_counts(cache);
+  assert_int_equal(counts->frame_lookups, 2);
+  assert_int_equal(counts->frame_decompressions, 1);
+  assert_int_equal(counts->decompressions, 4);
+  assert_int_equal(block_cache_resident(cache), 4);
+  tally other = {0, 0}, map = {0, 0};
+  block_cache_visit(cache, 0, 0, count_block, &other);
+  block_cache_visit(cache, 1, 0, count_block, &map);
+  assert_int_equal(other.all, 0);
+  assert_int_equal(map.all, 4);
+  assert_int_equal(map.fresh, 1);
+  block_cache_clear(cache);
+  assert_int_equal(block_cache_resident(cache), 0);
+  block_cache_free(cache);
+}
+
+/* Random fetches against a small cache: whatever is evicted, the bytes are those of the file. */
+static void test_random_fetches(void **state) {
+  (void)state;
+  static const size_t capacities[] = {0, 2, 37, 300};
+  srand(3);
+  for (size_t i = 0; i < 4; i++) {
+    block_cache *cache = block_cache_create(file, capacities[i]);
+    for (int round = 0; round < 2000; round++) {
+      uint32_t surface = (uint32_t)rand() % 2;
+      block_source source = block_cache_layer(cache, surface, 0);
+      uint32_t block_u = (uint32_t)rand() % 2, block_v = (uint32_t)rand() % 6;
+      slice_index slices[20];
+      const uint8_t *blocks[20];
+      size_t count = 1 + (size_t)rand() % 20;
+      uint32_t start = (uint32_t)rand() % 124; /* different from each other, as promised */
+      for (size_t k = 0; k < count; k++) {
+        uint32_t slice = start + (uint32_t)k;
+        slices[k] = (slice_index)(slice / DIRECTIONS << 8 | slice % DIRECTIONS);
+      }
+      source.fetch(source.context, block_u, block_v, slices, count, blocks);
+      size_t k = (size_t)rand() % count;
+      uint8_t expected[SLF_BLOCK_NBYTES];
+      slf_decode_block(file, surface, 0,
+                       (slf_block_address){.s = slices[k] >> 8,
+                                           .t = slices[k] & 0xff,
+                                           .block_u = (uint16_t)block_u,
+                                           .block_v = (uint16_t)block_v},
+                       expected);
+      assert_memory_equal(blocks[k], expected, SLF_BLOCK_NBYTES);
+    }
+    block_cache_free(cache);
+  }
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_any_capacity_gives_the_same_bytes),
+      cmocka_unit_test(test_counts_of_a_frame_and_the_map),
+      cmocka_unit_test(test_random_fetches),
+  };
+  return cmocka_run_group_tests(tests, write_file, remove_file);
+}

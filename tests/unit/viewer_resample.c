@@ -1,0 +1,407 @@
+/* The resampler against a light field with a closed form: what is left is interpolation over
+ * directions (h^2 / 8 times the second derivative), over texels, and 8-bit codes. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "viewer/texture.h"
+
+/* ---- A light field with a closed form ---------------------------------------------------------
+ */
+
+/* Radiance 0.5 + 0.2 cos(w s + c) cos(w t + u + v), w = 3, three phases c for the channels.
+ * |L_s|, |L_t| <= 0.2 w and |L_ss|, |L_tt| <= 0.2 w^2 with s, t in [-1, 1]. */
+static const double wave = 3, amplitude = 0.2;
+
+static double radiance(double u, double v, double s, double t, int channel) {
+  return 0.5 + amplitude * cos(wave * s + 0.7 * channel) * cos(wave * t + u + v);
+}
+
+typedef struct {
+  uint32_t u_count, v_count, s_count, t_count;
+  uint8_t blocks[2][BLOCK_MAX_SLICES][SLF_BLOCK_NBYTES];
+  int turn;
+  size_t fetches, asked;
+} closed_form;
+
+static void fetch_closed_form(void *context, uint32_t block_u, uint32_t block_v,
+                              const slice_index *slices, size_t count, const uint8_t **u_blocks) {
+  closed_form *f = context;
+  f->turn = 1 - f->turn;
+  f->fetches++;
+  f->asked += count;
+  for (size_t i = 0; i < count; i++) {
+    uint32_t si = slices[i] >> 8, ti = slices[i] & 0xff;
+    assert_true(si < f->s_count && ti < f->t_count);
+    /* What is not stored must never be read. */
+    assert_true(slf_slice_exists(f->s_count, f->t_count, si, ti));
+    uint8_t *block = f->blocks[f->turn][i];
+    for (uint32_t k = 0; k < 64; k++)
+      for (int c = 0; c < 4; c++)
+        block[4 * k + c] =
+            c == 3 ? 255
+                   : slf_srgb_from_linear((float)radiance((block_u * 8 + k % 8 + 0.5) / f->u_count,
+                                                          (block_v * 8 + k / 8 + 0.5) / f->v_count,
+                                                          2 * (si + 0.5) / f->s_count - 1,
+                                                          2 * (ti + 0.5) / f->t_count - 1, c));
+    u_blocks[i] = block;
+  }
+}
+
+/* ---- Meshes -----------------------------------------------------------------------------------
+ */
+
+/* The unit square of the plane y = 0, u along x, v along z. */
+static slf_mesh square(void) {
+  static slf_vertex vertices[4];
+  static const uint32_t triangles[6] = {0, 1, 2, 2, 1, 3};
+  for (int i = 0; i < 4; i++)
+    vertices[i] = (slf_vertex){.position = {(float)(i % 2), 0, (float)(i / 2)},
+                               .normal = {0, 1, 0},
+                               .tangent_u = {1, 0, 0},
+                               .tangent_v = {0, 0, 1},
+                               .u = (float)(i % 2),
+                               .v = (float)(i / 2)};
+  return (slf_mesh){
+      .vertices = vertices, .triangles = triangles, .vertex_count = 4, .triangle_count = 2};
+}
+
+enum { SIDES = 48, RINGS = 6 };
+
+/* A cylinder about y of radius 1 and height 1, u around it with a seam, v down it. */
+static slf_mesh cylinder(void) {
+  static slf_vertex vertices[(SIDES + 1) * (RINGS + 1)];
+  static uint32_t triangles[6 * SIDES * RINGS];
+  uint32_t *triangle = triangles;
+  for (int j = 0; j <= RINGS; j++)
+    for (int i = 0; i <= SIDES; i++) {
+      float u = (float)i / SIDES, v = (float)j / RINGS, angle = u * (float)(2 * M_PI);
+      vertices[j * (SIDES + 1) + i] = (slf_vertex){.position = {cosf(angle), 1 - v, sinf(angle)},
+                                                   .normal = {cosf(angle), 0, sinf(angle)},
+                                                   .tangent_u = {-sinf(angle), 0, cosf(angle)},
+                                                   .tangent_v = {0, -1, 0},
+                                                   .u = u,
+                                                   .v = v};
+      if (i == SIDES || j == RINGS) continue;
+      uint32_t a = (uint32_t)(j * (SIDES + 1) + i), b = a + 1, c = a + SIDES + 1, d = c + 1;
+      memcpy(triangle, (uint32_t[]){a, b, c, c, b, d}, 24);
+      triangle += 6;
+    }
+  return (slf_mesh){.vertices = vertices,
+                    .triangles = triangles,
+                    .vertex_count = (SIDES + 1) * (RINGS + 1),
+                    .triangle_count = 2 * SIDES * RINGS};
+}
+
+static camera looking(float x, float y, float z, float ax, float ay, float az) {
+  slf_view view = {.location = {x, y, z}, .look_at = {ax, ay, az}, .angle_deg = 100};
+  return camera_of_view(&view, 1, 1);
+}
+
+static slf_layer layer_of(const closed_form *f) {
+  return (slf_layer){
+      .u_count = f->u_count, .v_count = f->v_count, .s_count = f->s_count, .t_count = f->t_count};
+}
+
+/* ---- Tests -------------------------------------------------------------------------------------
+ */
+
+/* Largest error over the square's texels, in linear radiance, seen from `eye`. */
+static double square_error(uint32_t directions, uint32_t dice_px, const float eye[3],
+                           double *least_n, double *rms) {
+  closed_form *f = calloc(1, sizeof *f);
+  f->u_count = f->v_count = 64;
+  f->s_count = f->t_count = directions;
+  slf_mesh mesh = square();
+  slf_layer layer = layer_of(f);
+  texture x;
+  block_source source = {fetch_closed_form, f};
+  assert_true(texture_create(&x, &mesh, &layer, source, dice_px));
+  camera c = looking(eye[0], eye[1], eye[2], 0.5f, 0, 0.5f);
+  texture_update(&x, &c, (direction_bend){0});
+  assert_int_equal(x.made_count, 64);
+  assert_int_equal(f->fetches, 64); /* each block of texels asks once */
+  double worst = 0, sum = 0;
+  *least_n = 1;
+  for (int row = 0; row < 64; row++)
+    for (int column = 0; column < 64; column++) {
+      double u = (column + 0.5) / 64, v = (row + 0.5) / 64;
+      double d[3] = {eye[0] - u, eye[1], eye[2] - v};
+      double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+      *least_n = fmin(*least_n, d[1] / length);
+      const uint8_t *texel = x.texels + row * x.row_nbytes + column * 4;
+      assert_int_equal(texel[3], 255);
+      for (int k = 0; k < 3; k++) {
+        double exact = radiance(u, v, d[0] / length, d[2] / length, k);
+        double error = fabs(slf_linear_from_srgb(texel[k]) - exact);
+        worst = fmax(worst, error);
+        sum += error * error;
+      }
+    }
+  *rms = sqrt(sum / (64 * 64 * 3));
+  texture_free(&x);
+  free(f);
+  return worst;
+}
+
+/* The bound, term by term, in linear radiance. */
+static double error_bound(uint32_t directions, uint32_t dice_px, double nearest, double least_n) {
+  double h = 2.0 / directions; /* in s */
+  /* The outermost samples sit h / 2 inside the circle's box; beyond them the mix stays constant. */
+  double reach = fmax(0, sqrt(1 - least_n * least_n) - (1 - h / 2));
+  double mixing = h * h / 8 * 2 * amplitude * wave * wave;
+  /* (s,t) is linear over a right triangle with legs of dice_px texels: hypotenuse^2 / 8 times the
+   * second derivative of a unit vector, at most 2 / r^2, in s and in t. */
+  double leg = dice_px / 64.0;
+  double dicing = 2 * leg * leg / 8 * 2 / (nearest * nearest) * 2 * amplitude * wave;
+  /* A tap's code and the result's code are each half a code off, 2.28/255 a code at white and less
+   * below; at radiance 0.7 the slope is 1.9. The cubic curve is within 0.0017 going in and out. */
+  double codes = 2 * 0.5 * 1.9 / 255 + 2 * 0.0017;
+  return mixing + dicing + codes + reach * amplitude * wave;
+}
+
+static void test_square_is_within_its_bound(void **state) {
+  (void)state;
+  /* From overhead to grazing: seen from (-1, 0.11, 0.5) the far corners have n = 0.05. */
+  static const float eyes[][3] = {
+      {0.5f, 1.5f, 0.5f}, {-1, 1, 0.2f}, {-1, 0.3f, 0.5f}, {-1, 0.11f, 0.5f}};
+  for (uint32_t directions = 8; directions <= 64; directions *= 2)
+    for (size_t i = 0; i < sizeof eyes / sizeof *eyes; i++) {
+      double nearest = i == 0 ? 1.5 : 1, least_n, rms;
+      double worst = square_error(directions, 8, eyes[i], &least_n, &rms);
+      double bound = error_bound(directions, 8, nearest, least_n);
+      print_message("%2u directions, n >= %.3f: error %.5f (rms %.5f), bound %.5f\n", directions,
+                    least_n, worst, rms, bound);
+      assert_true(worst <= bound);
+      if (i == 3) assert_true(least_n < 0.056);
+    }
+}
+
+static void test_finer_directions_and_dicing_help(void **state) {
+  (void)state;
+  const float eye[3] = {-1, 0.3f, 0.5f};
+  double n, coarse, fine;
+  square_error(8, 8, eye, &n, &coarse);
+  square_error(16, 8, eye, &n, &fine);
+  /* Halving h divides the mixing error by four; 2.5 leaves room for the codes' share. */
+  assert_true(fine * 2.5 < coarse);
+  square_error(64, 64, eye, &n, &coarse);
+  square_error(64, 8, eye, &n, &fine);
+  /* 64 texels instead of 8: the dicing error is 64 times larger and dominates. */
+  assert_true(fine * 4 < coarse);
+}
+
+static void test_vector_kernel_equals_plain_c(void **state) {
+  (void)state;
+  closed_form *f = calloc(1, sizeof *f);
+  *f = (closed_form){.u_count = 8, .v_count = 8, .s_count = 13, .t_count = 32};
+  block_source source = {fetch_closed_form, f};
+  uint8_t bytes[2][256];
+  srand(1);
+  for (int round = 0; round < 2000; round++) {
+    block_directions d;
+    /* From directions that agree to ones spread over all of the circle and beyond. */
+    float spread = powf(10, (float)(round % 8) - 6), s = (float)rand() / RAND_MAX * 1.4f - 0.2f,
+          t = (float)rand() / RAND_MAX * 1.4f - 0.2f;
+    d.mask = round % 3 ? ((uint64_t)rand() << 33) ^ ((uint64_t)rand() << 11) ^ (uint64_t)rand()
+                       : ~(uint64_t)0;
+    for (int k = 0; k < 64; k++) {
+      d.s[k] = s + spread * ((float)rand() / RAND_MAX - 0.5f);
+      d.t[k] = t + spread * ((float)rand() / RAND_MAX - 0.5f);
+    }
+    if (round % 5 == 0) d.s[round % 64] = NAN, d.t[(round + 7) % 64] = INFINITY;
+    for (int kernel = 0; kernel < 2; kernel++) {
+      resampler *r = resampler_create(13, 32, source);
+      resampler_use_kernel(r, kernel ? RESAMPLE_PLAIN_C : RESAMPLE_BEST);
+      resample_block(r, 0, 0, &d, bytes[kernel], 32);
+      resample_flush(r);
+      resampler_free(r);
+    }
+    assert_memory_equal(bytes[0], bytes[1], 256);
+    for (int k = 0; k < 64; k++) assert_int_equal(bytes[0][4 * k + 3], d.mask >> k & 1 ? 255 : 0);
+  }
+  free(f);
+}
+
+static void fetch_flat(void *context, uint32_t block_u, uint32_t block_v, const slice_index *slices,
+                       size_t count, const uint8_t **u_blocks) {
+  (void)block_u, (void)block_v, (void)slices;
+  for (size_t i = 0; i < count; i++) u_blocks[i] = context;
+}
+
+static void test_equal_taps_keep_their_code(void **state) {
+  (void)state;
+  block_directions d = {.mask = ~(uint64_t)0};
+  for (int k = 0; k < 64; k++)
+    d.s[k] = 0.3f + 0.006f * (float)k, d.t[k] = 0.71f - 0.004f * (float)k;
+  for (int code = 0; code < 256; code++)
+    for (int kernel = 0; kernel < 2; kernel++) {
+      uint8_t flat[256], out[256];
+      memset(flat, code, sizeof flat);
+      resampler *r = resampler_create(16, 16, (block_source){fetch_flat, flat});
+      resampler_use_kernel(r, kernel ? RESAMPLE_PLAIN_C : RESAMPLE_BEST);
+      resample_block(r, 0, 0, &d, out, 32);
+      resample_flush(r);
+      resampler_free(r);
+      for (int k = 0; k < 256; k++) assert_int_equal(out[k], k % 4 == 3 ? 255 : code);
+    }
+}
+
+/* Random triangulations of a grid, diced or not: every texel's centre is in exactly one triangle.
+ */
+static void test_scan_conversion_is_watertight(void **state) {
+  (void)state;
+  enum { SIDE = 5 };
+  slf_vertex vertices[(SIDE + 1) * (SIDE + 1)];
+  uint32_t triangles[6 * SIDE * SIDE];
+  srand(2);
+  for (int round = 0; round < 200; round++) {
+    uint32_t *triangle = triangles, u_count = 1 + (uint32_t)rand() % 90,
+             v_count = 1 + (uint32_t)rand() % 90, dice_px = 1 + (uint32_t)rand() % 20;
+    for (int j = 0; j <= SIDE; j++)
+      for (int i = 0; i <= SIDE; i++) {
+        /* Borders stay on the square; inner points move, some of them onto texel centres where a
+         * step is at least 8 texels: less than a quarter of a step in all, so that no quad folds.
+         */
+        bool inner = i > 0 && j > 0 && i < SIDE && j < SIDE;
+        float u = ((float)i + (inner ? 0.36f * ((float)rand() / RAND_MAX - 0.5f) : 0)) / SIDE;
+        float v = ((float)j + (inner ? 0.36f * ((float)rand() / RAND_MAX - 0.5f) : 0)) / SIDE;
+        if (inner && u_count >= 8 * SIDE && rand() % 2)
+          u = (floorf(u * (float)u_count) + 0.5f) / (float)u_count;
+        vertices[j * (SIDE + 1) + i] = (slf_vertex){.position = {u, 0, v},
+                                                    .normal = {0, 1, 0},
+                                                    .tangent_u = {1, 0, 0},
+                                                    .tangent_v = {0, 0, 1},
+                                                    .u = u,
+                                                    .v = v};
+        if (i == SIDE || j == SIDE) continue;
+        uint32_t a = (uint32_t)(j * (SIDE + 1) + i), b = a + 1, c = a + SIDE + 1, d = c + 1;
+        bool turn = rand() % 2;
+        memcpy(triangle, turn ? (uint32_t[]){a, c, b, c, b, d} : (uint32_t[]){a, b, d, d, a, c},
+               24);
+        triangle += 6;
+      }
+    slf_mesh mesh = {.vertices = vertices,
+                     .triangles = triangles,
+                     .vertex_count = (SIDE + 1) * (SIDE + 1),
+                     .triangle_count = 2 * SIDE * SIDE};
+    uv_mesh diced;
+    assert_true(uv_mesh_create(&diced, &mesh, u_count, v_count, dice_px));
+    size_t block_count = (size_t)diced.block_u_count * diced.block_v_count;
+    uint64_t texels = 0;
+    for (size_t b = 0; b < block_count; b++) {
+      uint64_t all = 0;
+      for (uint32_t i = diced.cover_start[b]; i < diced.cover_start[b + 1]; i++) {
+        assert_true((all & diced.covers[i].mask) == 0);
+        all |= diced.covers[i].mask;
+      }
+      texels += (uint64_t)__builtin_popcountll(all);
+    }
+    assert_int_equal(texels, (uint64_t)u_count * v_count);
+    /* Dicing kept its promise, 1.0001 for rounding. */
+    for (uint32_t i = 0; i < diced.triangle_count; i++)
+      for (int k = 0; k < 3; k++) {
+        const slf_vertex *a = &diced.vertices[diced.triangles[i].vertex[k]];
+        const slf_vertex *b = &diced.vertices[diced.triangles[i].vertex[(k + 1) % 3]];
+        assert_true(fabsf(a->u - b->u) * (float)u_count <= (float)dice_px * 1.0002f);
+        assert_true(fabsf(a->v - b->v) * (float)v_count <= (float)dice_px * 1.0002f);
+      }
+    uv_mesh_free(&diced);
+  }
+}
+
+/* The first and the last column of a cylinder's texture are neighbours across the seam. */
+static void test_seam_and_silhouette(void **state) {
+  (void)state;
+  closed_form *f = calloc(1, sizeof *f);
+  *f = (closed_form){.u_count = 192, .v_count = 32, .s_count = 32, .t_count = 32};
+  slf_mesh mesh = cylinder();
+  slf_layer layer = layer_of(f);
+  texture x;
+  assert_true(texture_create(&x, &mesh, &layer, (block_source){fetch_closed_form, f}, 8));
+  const float eye[3] = {3, 0.5f, 0.4f};
+  camera c = looking(eye[0], eye[1], eye[2], 0, 0.5f, 0);
+  texture_update(&x, &c, (direction_bend){0});
+  int seen = 0, behind = 0;
+  double worst = 0;
+  for (int row = 0; row < 32; row++)
+    for (int column = 0; column < 192; column++) {
+      double u = (column + 0.5) / 192, v = (row + 0.5) / 32, angle = u * 2 * M_PI;
+      double d[3] = {eye[0] - cos(angle), eye[1] - (1 - v), eye[2] - sin(angle)};
+      double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+      double n = (d[0] * cos(angle) + d[2] * sin(angle)) / length;
+      const uint8_t *texel = x.texels + row * x.row_nbytes + column * 4;
+      /* What faces the eye is there; a side of the polygon turns by half of 2 pi / 48. */
+      if (n > M_PI / SIDES) assert_int_equal(texel[3], 255);
+      if (n < -0.5) assert_int_equal(texel[3], 0); /* what does not costs nothing */
+      seen += n > 0;
+      behind += n < -0.5;
+      if (n < 0.05) continue;
+      double s = (-d[0] * sin(angle) + d[2] * cos(angle)) / length, t = -d[1] / length;
+      for (int k = 0; k < 3; k++)
+        worst = fmax(worst, fabs(slf_linear_from_srgb(texel[k]) - radiance(u, v, s, t, k)));
+    }
+  assert_true(seen > 1000 && behind > 1000);
+  /* As error_bound, but that s turns with the surface: a side spans 2 pi / 48 radians, over which
+   * s = sin(angle) bends by at most (2 pi / 48)^2 / 8 in each of s and t. */
+  double bend = 2 * M_PI / SIDES;
+  double bound = error_bound(32, 8, 2, 0.05) + bend * bend / 8 * 2 * amplitude * wave;
+  print_message("cylinder: error %.5f, bound %.5f, %d texels face the eye\n", worst, bound, seen);
+  assert_true(worst <= bound);
+  texture_free(&x);
+  free(f);
+}
+
+/* An eye anywhere, on the surface too: some bytes, no NaN on the way (that would trap below), every
+ * texel that is made opaque. */
+static void test_any_eye(void **state) {
+  (void)state;
+  closed_form *f = calloc(1, sizeof *f);
+  *f = (closed_form){.u_count = 20, .v_count = 28, .s_count = 8, .t_count = 8};
+  slf_mesh mesh = square();
+  slf_layer layer = layer_of(f);
+  texture x;
+  assert_true(texture_create(&x, &mesh, &layer, (block_source){fetch_closed_form, f}, 8));
+  static const float eyes[][3] = {{0, 0, 0},
+                                  {0.5f, 0, 0.5f},
+                                  {1, 0, 1},
+                                  {0.3f, -1, 0.2f},
+                                  {1e6f, 0, 0},
+                                  {0, 1e30f, 0},
+                                  {NAN, 1, 0},
+                                  {INFINITY, 0, 1},
+                                  {0.5f, 1e-30f, 0.5f},
+                                  {-3e38f, 3e38f, -3e38f}};
+  for (size_t i = 0; i < sizeof eyes / sizeof *eyes; i++) {
+    camera c = looking(eyes[i][0], eyes[i][1], eyes[i][2], 0.5f, 0, 0.5f);
+    texture_update(&x, &c, (direction_bend){0});
+    for (uint32_t b = 0; b < x.mesh.vertex_count; b++)
+      assert_true(isfinite(x.s[b]) && isfinite(x.t[b]));
+    for (int row = 0; row < 28; row++)
+      for (int column = 0; column < 20; column++) {
+        uint8_t alpha = x.texels[row * x.row_nbytes + column * 4 + 3];
+        assert_true(alpha == 0 || alpha == 255);
+      }
+  }
+  texture_free(&x);
+  free(f);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_square_is_within_its_bound),
+      cmocka_unit_test(test_finer_directions_and_dicing_help),
+      cmocka_unit_test(test_vector_kernel_equals_plain_c),
+      cmocka_unit_test(test_equal_taps_keep_their_code),
+      cmocka_unit_test(test_scan_conversion_is_watertight),
+      cmocka_unit_test(test_seam_and_silhouette),
+      cmocka_unit_test(test_any_eye),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
