@@ -12,6 +12,18 @@ $(UNIT_SUITES): $(OUT)/tests/%: $(OBJ)/tests/%.o $(VIEWER_CORE_OBJECTS) $(LIBSLF
 $(UNIT_SOURCES:%.c=$(OBJ)/%.o): PKG_CFLAGS = $(shell pkg-config --cflags OpenEXR libpng cmocka)
 $(UNIT_SOURCES:%.c=$(OBJ)/%.o): | $(CHECK_DEPS)
 
+# What the image suites measure with.
+build/tests/images/compare: build/obj/tests/images/compare.o
+	@mkdir -p $(@D)
+	$(CC) -o $@ $^ $(ALL_LDFLAGS) $(shell pkg-config --libs libpng) -lm
+
+# Small bakes that still mean something. The dull floor takes more rays than a preview: its facets
+# are noise that only rays average out.
+.PHONY: check-bakes
+check-bakes: all
+	$(MAKE) bake SCENE=floor NAME=check-floor RAYS=49
+	$(MAKE) bake SCENE=floor NAME=check-floor-mirror DECLARE=Mirror=1
+
 .PHONY: unit-suites format
 unit-suites: $(UNIT_SUITES)
 
@@ -20,7 +32,7 @@ build/clang.ok: $(wildcard codec/*.[ch] bake/*.[ch] viewer/*.[ch] tests/*/*.[ch]
 	$(MAKE) CC=clang CONFIG=debug all unit-suites
 	@touch $@
 
-check: all unit-suites build/clang.ok | $(CHECK_DEPS) ## Run all the tests, installing what they need
+check: all unit-suites build/clang.ok build/tests/images/compare check-bakes | $(CHECK_DEPS) ## Run all the tests, installing what they need
 	$(MAKE) CONFIG=asan all unit-suites
 	@tests/run build/tap $(UNIT_SUITES) $(UNIT_SUITES:build/%=build/asan/%) $(SHELL_SUITES)
 
