@@ -15,3 +15,8 @@ $(OUT)/slfview: $(VIEWER_OBJECTS) $(LIBSLF)
 	$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lpng -ldl -lm -o $@.part && mv $@.part $@
 
 all: $(OUT)/slfview
+
+# Programs of tests/bench: they link what the unit tests link.
+$(OUT)/bench/%: $(OBJ)/tests/bench/%.o $(VIEWER_CORE_OBJECTS) $(LIBSLF)
+	@mkdir -p $(@D)
+	$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lm -o $@
