@@ -2,7 +2,7 @@
 # BAKE=NAME; from there on the folder build/bake/NAME says everything, so that any node of a cluster
 # can make any of its goals.
 #
-#   build/bake/NAME/options.mk   scene, numbers, texel scale, rays
+#   build/bake/NAME/options.mk   scene's folder, numbers, texel scale, rays
 #   build/bake/NAME/scene.txt    the surfaces, as POV-Ray describes them
 #   build/bake/NAME/look         the scene without the lines that only name surfaces
 #   build/bake/NAME/plan.mk      the chunks
@@ -24,18 +24,20 @@ $(BAKE_PROGRAMS): $(OUT)/bake/%: $(OBJ)/bake/%.o $(BAKE_OBJECTS) $(LIBSLF)
 # NAME may be an environment variable of somebody else's.
 NAME := $(if $(filter command line,$(origin NAME)),$(NAME),$(SCENE))
 DECLARE ?=
+# The folder of scenes.
+SCENES ?= scenes
 RAYS ?= $(if $(filter paper,$(QUALITY)),25,9)
 TEXEL_SCALE = $(if $(filter paper,$(QUALITY)),1,0.5)
 # More POV-Rays than processors hide the quarter second that each spends waiting for its front end.
 BAKE_JOBS = $(shell echo $$(($(JOBS) + 1)))
 
 bake: $(BAKE_PROGRAMS) ## Bake SCENE (NAME=, DECLARE="X=1 Y=2", QUALITY=, RAYS=, FARM=) to build/NAME.slf
-	@[ -f 'scenes/$(SCENE)/$(SCENE).pov' ] || { echo "slf: no scene '$(SCENE)': expected one of" \
-	  $(notdir $(wildcard scenes/*)) >&2; exit 1; }
+	@[ -f '$(SCENES)/$(SCENE)/$(SCENE).pov' ] || { echo "slf: no scene '$(SCENE)': expected one of" \
+	  $(notdir $(wildcard $(SCENES)/*)) >&2; exit 1; }
 	@case '$(QUALITY)' in preview|paper) ;; *) echo "slf: QUALITY=$(QUALITY): expected preview or paper" >&2; exit 1;; esac
 	@case '$(RAYS)' in 1|9|25|49|121) ;; *) echo "slf: RAYS=$(RAYS): expected 1, 9, 25, 49 or 121" >&2; exit 1;; esac
 	@mkdir -p 'build/bake/$(NAME)'
-	@printf 'BAKE_SCENE := %s\nBAKE_DECLARE := %s\nBAKE_SCALE := %s\nBAKE_RAYS := %s\n' '$(SCENE)' \
+	@printf 'BAKE_SCENE := %s\nBAKE_DECLARE := %s\nBAKE_SCALE := %s\nBAKE_RAYS := %s\n' '$(SCENES)/$(SCENE)' \
 	  '$(DECLARE)' '$(TEXEL_SCALE)' '$(RAYS)' > 'build/bake/$(NAME)/options.part'
 	@cd 'build/bake/$(NAME)' && { cmp -s options.part options.mk || mv options.part options.mk; }
 	@rm -rf 'build/bake/$(NAME)/options.part' 'build/bake/$(NAME)/tmp'
@@ -46,7 +48,7 @@ BAKE_DIR := build/bake/$(BAKE)
 include $(BAKE_DIR)/options.mk
 BAKE_BIN := $(OUT)/bake
 export BAKE_DIR BAKE_SCENE BAKE_DECLARE BAKE_SCALE BAKE_RAYS BAKE_BIN
-BAKE_FILES := $(shell find scenes/$(BAKE_SCENE) -type f ! -name views)
+BAKE_FILES := $(shell find $(BAKE_SCENE) -type f ! -name views)
 
 $(BAKE_DIR)/scene.txt: $(BAKE_FILES) $(BAKE_DIR)/options.mk bake/slf.inc
 	@bake/trace describe $@
@@ -76,6 +78,14 @@ $(RAY_TABLES): %/rays: %/rays.made
 $(CHUNKS): $(BAKE_DIR)/look bake/camera.c bake/sample.c bake/gather.c
 	@bake/trace chunk $(notdir $(@D)) $(basename $(notdir $@)) $@
 
-build/$(BAKE).slf: $(BAKE_DIR)/plan.mk $(CHUNKS) $(wildcard scenes/$(BAKE_SCENE)/views)
-	@$(BAKE_BIN)/pack $(BAKE_DIR) $(BAKE_RAYS) $(wildcard scenes/$(BAKE_SCENE)/views) $@
+build/$(BAKE).slf: $(BAKE_DIR)/plan.mk $(CHUNKS) $(wildcard $(BAKE_SCENE)/views)
+	@$(BAKE_BIN)/pack $(BAKE_DIR) $(BAKE_RAYS) $(wildcard $(BAKE_SCENE)/views) $@
 endif
+
+# Checkers that shell suites run on what they baked.
+BAKE_CHECKERS := $(OUT)/tests/bake/exact
+$(BAKE_CHECKERS): $(OUT)/tests/bake/%: $(OBJ)/tests/bake/%.o $(BAKE_OBJECTS) $(LIBSLF)
+	@mkdir -p $(@D)
+	$(CC) $^ -o $@ $(ALL_LDFLAGS) $(filter -L% -lOpenEXRCore%,$(shell pkg-config --libs OpenEXR)) -lm
+unit-suites: $(BAKE_CHECKERS)
+$(OUT)/tests/unit/bake_sample: $(OBJ)/bake/sample.o

@@ -1,0 +1,96 @@
+/* Where rays start and go: the orthogonal array, its strata, and that it never changes. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "bake/sample.h"
+
+/* Strata of all four axes: u v s t of every ray. */
+static void strata(uint32_t rays, uint32_t p, uint32_t (*out)[4]) {
+  double uv[SAMPLE_MAX_RAYS][2], st[SAMPLE_MAX_RAYS][2];
+  sample_texel_offsets(rays, uv);
+  sample_cell_offsets(rays, 5, 9, st);
+  for (uint32_t m = 0; m < rays; m++) {
+    for (int axis = 0; axis < 4; axis++) {
+      double offset = axis < 2 ? uv[m][axis] : st[m][axis - 2];
+      assert_true(offset >= 0 && offset < 1);
+      out[m][axis] = (uint32_t)(offset * p);
+    }
+  }
+}
+
+static void every_pair_of_axes_meets_every_stratum_once(void **state) {
+  (void)state;
+  const uint32_t primes[] = {3, 5, 7, 11};
+  for (int i = 0; i < 4; i++) {
+    uint32_t p = primes[i], stratum[SAMPLE_MAX_RAYS][4];
+    strata(p * p, p, stratum);
+    for (int a = 0; a < 4; a++) {
+      for (int b = a + 1; b < 4; b++) {
+        uint8_t met[SAMPLE_MAX_RAYS] = {0};
+        for (uint32_t m = 0; m < p * p; m++) met[stratum[m][a] * p + stratum[m][b]]++;
+        for (uint32_t m = 0; m < p * p; m++) assert_int_equal(met[m], 1);
+      }
+    }
+  }
+}
+
+static void one_ray_goes_to_the_centre(void **state) {
+  (void)state;
+  double uv[1][2], st[1][2];
+  sample_texel_offsets(1, uv);
+  sample_cell_offsets(1, 3, 4, st);
+  assert_true(uv[0][0] == 0.5 && uv[0][1] == 0.5 && st[0][0] == 0.5 && st[0][1] == 0.5);
+}
+
+static void cells_differ_and_texels_do_not(void **state) {
+  (void)state;
+  double a[25][2], b[25][2];
+  sample_cell_offsets(25, 3, 4, a);
+  sample_cell_offsets(25, 4, 3, b);
+  assert_memory_not_equal(a, b, sizeof a);
+  sample_cell_offsets(25, 3, 4, b);
+  assert_memory_equal(a, b, sizeof a);
+  sample_texel_offsets(25, a);
+  sample_texel_offsets(25, b);
+  assert_memory_equal(a, b, sizeof a);
+}
+
+/* Means over many cells of a stratified offset: 1/2, with a standard error of
+ * 1/sqrt(12 * 25) / 25 / sqrt(256) = 0.00014; five of those are allowed. */
+static void offsets_are_centred(void **state) {
+  (void)state;
+  double sum[2] = {0, 0}, st[25][2];
+  for (uint32_t s = 0; s < 16; s++) {
+    for (uint32_t t = 0; t < 16; t++) {
+      sample_cell_offsets(25, s, t, st);
+      for (int m = 0; m < 25; m++) sum[0] += st[m][0], sum[1] += st[m][1];
+    }
+  }
+  for (int axis = 0; axis < 2; axis++) {
+    double mean = sum[axis] / (256 * 25);
+    assert_true(mean > 0.5 - 0.0007 && mean < 0.5 + 0.0007);
+  }
+}
+
+static void counts_are_checked(void **state) {
+  (void)state;
+  for (uint32_t rays = 0; rays < 200; rays++)
+    assert_int_equal(sample_count_is_valid(rays),
+                     rays == 1 || rays == 9 || rays == 25 || rays == 49 || rays == 121);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(every_pair_of_axes_meets_every_stratum_once),
+      cmocka_unit_test(one_ray_goes_to_the_centre),
+      cmocka_unit_test(cells_differ_and_texels_do_not),
+      cmocka_unit_test(offsets_are_centred),
+      cmocka_unit_test(counts_are_checked),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
