@@ -22,6 +22,7 @@ typedef struct {
   GLsizei index_count;
   drawn_layer *layers;
   uint32_t layer_count;
+  water *water; /* or NULL */
 } drawn_surface;
 
 struct drawing {
@@ -197,6 +198,16 @@ static bool upload_matte(const drawing *d, uint32_t surface, uint32_t layer_inde
   return true;
 }
 
+/* A shiny flat surface that the file marks so. */
+static slf_result create_water(drawing *d, uint32_t index, slf_error *error) {
+  const slf_surface *surface = slf_get_surface(d->file, index);
+  if (!(surface->flags & SLF_SURFACE_WATER) || surface->layer_count == 0) return SLF_OK;
+  if (d->surfaces[index].layers[0].matte) return SLF_OK;
+  const slf_layer *shape = &surface->layers[0];
+  return water_create(d->file, index, shape->u_count, shape->v_count, 0, &d->surfaces[index].water,
+                      error);
+}
+
 static bool create_surface(drawing *d, uint32_t index, uint32_t dice_px) {
   const slf_surface *surface = slf_get_surface(d->file, index);
   drawn_surface *s = &d->surfaces[index];
@@ -253,6 +264,8 @@ slf_result drawing_create(const slf_file *file, drawing_options options, drawing
   d->surface_count = slf_surface_count(file);
   for (uint32_t i = 0; i < d->surface_count; i++)
     if (!create_surface(d, i, options.dice_px)) goto out_of_memory;
+  for (uint32_t i = 0; i < d->surface_count; i++)
+    if ((result = create_water(d, i, error)) != SLF_OK) goto refused;
   bound_scene(d);
   *out = d;
   return SLF_OK;
@@ -273,6 +286,7 @@ void drawing_free(drawing *d) {
       texture_free(&s->layers[k].texels);
     }
     free(s->layers);
+    water_free(s->water);
     gl.DeleteVertexArrays(1, &s->vertex_array);
     gl.DeleteBuffers(1, &s->vertices);
     gl.DeleteBuffers(1, &s->indices);
@@ -332,13 +346,17 @@ slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int he
   if (result != SLF_OK) return result;
   camera c = camera_of_view(view, width_px, height_px);
   block_cache_begin_frame(d->cache);
-  for (uint32_t i = 0; i < d->surface_count; i++)
-    for (uint32_t k = 0; k < d->surfaces[i].layer_count; k++) {
-      drawn_layer *layer = &d->surfaces[i].layers[k];
-      if (layer->matte || mask_surface >= 0) continue;
-      texture_update(&layer->texels, &c, (direction_bend){0});
+  for (uint32_t i = 0; i < d->surface_count && mask_surface < 0; i++) {
+    drawn_surface *s = &d->surfaces[i];
+    const direction_bend bend = s->water ? water_begin_frame(s->water) : (direction_bend){0};
+    for (uint32_t k = 0; k < s->layer_count; k++) {
+      drawn_layer *layer = &s->layers[k];
+      if (layer->matte) continue;
+      texture_update(&layer->texels, &c, bend);
+      if (s->water) water_finish_frame(s->water, layer->texels.texels, layer->texels.row_nbytes);
       upload_texels(layer, &slf_get_surface(d->file, i)->layers[k], layer->texels.texels);
     }
+  }
 
   float matrix[16], z_near, z_far, background[3];
   clip_planes(d, &c, &z_near, &z_far);
@@ -395,6 +413,10 @@ void drawing_show(drawing *d, int width_px, int height_px) {
   gl.BindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
   gl.BlitFramebuffer(0, 0, d->width_px, d->height_px, 0, 0, width_px, height_px,
                      GL_COLOR_BUFFER_BIT, GL_NEAREST);
+}
+
+water *drawing_water(drawing *d, uint32_t surface_index) {
+  return surface_index < d->surface_count ? d->surfaces[surface_index].water : NULL;
 }
 
 block_cache *drawing_cache(drawing *d) {

@@ -311,15 +311,18 @@ void ripple_step(ripple *pond) {
   if (pond->height_peak < calm && pond->velocity_peak < calm) come_to_rest(pond);
 }
 
-uint32_t ripple_advance(ripple *pond, double elapsed_s) {
+uint32_t ripple_due(ripple *pond, double elapsed_s) {
   if (!(elapsed_s > 0)) return 0;
   const double step_s = pond->options.step_s;
   pond->backlog_s = fmin(pond->backlog_s + elapsed_s, (RIPPLE_MAX_CATCH_UP + 0.5) * step_s);
-  uint32_t count = 0;
-  for (; pond->backlog_s >= step_s && count < RIPPLE_MAX_CATCH_UP; count++) {
-    pond->backlog_s -= step_s;
-    ripple_step(pond);
-  }
+  const double count = floor(pond->backlog_s / step_s);
+  pond->backlog_s -= count * step_s;
+  return (uint32_t)count;
+}
+
+uint32_t ripple_advance(ripple *pond, double elapsed_s) {
+  const uint32_t count = ripple_due(pond, elapsed_s);
+  for (uint32_t i = 0; i < count; i++) ripple_step(pond);
   return count;
 }
 
@@ -646,30 +649,22 @@ static void find_shores(ripple *pond) {
   memset(water_of, 0, plane_count(pond) * sizeof(float));
 }
 
-bool ripple_add_obstacle(ripple *pond, float u, float v, float radius) {
-  if (!isfinite(u) || !isfinite(v) || !positive(radius)) return false;
-  const ripple_options *o = &pond->options;
-  const span across = cells_near((double)u * o->u_count, radius / pond->spacing_u, o->u_count);
-  const span down = cells_near((double)v * o->v_count, radius / pond->spacing_v, o->v_count);
-  size_t closing = 0;
-  for (int pass = 0; pass < 2; pass++) {
-    if (pass == 1 && closing >= pond->open_count) return false;
-    for (size_t j = down.first; j < down.end; j++)
-      for (size_t i = across.first; i < across.end; i++) {
-        const float x = ((float)i + 0.5f) * pond->spacing_u - u * o->u_length;
-        const float y = ((float)j + 0.5f) * pond->spacing_v - v * o->v_length;
-        const size_t at = j * pond->stride + i;
-        if (x * x + y * y > radius * radius || pond->open[at] <= 0) continue;
-        if (pass == 0) {
-          closing++;
-          continue;
-        }
-        pond->height_sum -= pond->height[at];
-        pond->height[at] = 0;
-        pond->open[at] = 0;
-      }
-  }
-  pond->open_count -= closing;
+bool ripple_add_obstacle(ripple *pond, const uint8_t *closed) {
+  const size_t u_count = pond->options.u_count, v_count = pond->options.v_count;
+  size_t open_count = 0;
+  for (size_t j = 0; j < v_count; j++)
+    for (size_t i = 0; i < u_count; i++)
+      open_count += pond->open[j * pond->stride + i] > 0 && !closed[j * u_count + i];
+  if (open_count == 0) return false;
+  for (size_t j = 0; j < v_count; j++)
+    for (size_t i = 0; i < u_count; i++) {
+      const size_t at = j * pond->stride + i;
+      if (!closed[j * u_count + i] || pond->open[at] <= 0) continue;
+      pond->height_sum -= pond->height[at];
+      pond->height[at] = 0;
+      pond->open[at] = 0;
+    }
+  pond->open_count = open_count;
   find_shores(pond);
   return true;
 }
@@ -732,8 +727,8 @@ static void spline_rows(const ripple *pond, const spline *along_v, float *restri
   }
 }
 
-void ripple_slopes(ripple *pond, uint32_t u_count, uint32_t v_count, float *slope_u,
-                   float *slope_v) {
+void ripple_slopes(ripple *pond, uint32_t u_count, uint32_t v_count, float *slope_u, float *slope_v,
+                   size_t stride) {
   enum { CHUNK = 512 }; /* texels whose weights are kept at once */
   spline along_u[CHUNK];
   const uint64_t mode = flush_denormals();
@@ -748,7 +743,7 @@ void ripple_slopes(ripple *pond, uint32_t u_count, uint32_t v_count, float *slop
     for (size_t j = 0; j < v_count; j++) {
       const spline along_v = spline_at(j, v_count, pond->options.v_count, pond->spacing_v);
       spline_rows(pond, &along_v, value, slope);
-      float *out_u = slope_u + j * u_count + begin, *out_v = slope_v + j * u_count + begin;
+      float *out_u = slope_u + j * stride + begin, *out_v = slope_v + j * stride + begin;
       for (size_t i = 0; i < count; i++) {
         const spline *s = &along_u[i];
         const float *at = value + s->first, *g = slope + s->first;

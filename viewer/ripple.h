@@ -88,11 +88,14 @@ void ripple_destroy(ripple *pond);
 const ripple_options *ripple_get_options(const ripple *pond);
 slf_result ripple_tune(ripple *pond, float wave_speed, float damping_per_s, slf_error *error);
 
-/* One step; or as many as fit in the time passed since the last call, the remainder being kept
- * for the next, so that frame rate does not change the physics. Returns the steps taken: at most
- * RIPPLE_MAX_CATCH_UP, so that after a hitch the water is late rather than slow; 0 for a time that
- * is negative or NaN. */
+/* One step. */
 void ripple_step(ripple *pond);
+
+/* How many steps the time since the last call amounts to; the remainder is kept for the next, so
+ * that frame rate does not change the physics. At most RIPPLE_MAX_CATCH_UP, time beyond being
+ * dropped, so that after a hitch the water is late rather than slow; 0 for a time that is negative
+ * or NaN. ripple_advance takes them too. */
+uint32_t ripple_due(ripple *pond, double elapsed_s);
 uint32_t ripple_advance(ripple *pond, double elapsed_s);
 
 /* Still water at rest level, no backlog, no rain; obstacles stay. */
@@ -118,9 +121,9 @@ bool ripple_move_ball(ripple *pond, ripple_ball from, ripple_ball to, float radi
  * The same seed gives the same rain. */
 bool ripple_rain(ripple *pond, float drops_per_s, float radius, float height, uint64_t seed);
 
-/* Cells whose centre lies within `radius` of (u, v) hold no water from now on: an obstacle that
- * reflects. At least one cell stays open, else it is refused. */
-bool ripple_add_obstacle(ripple *pond, float u, float v, float radius);
+/* Cells where closed (v_count rows of u_count) is not 0 hold no water from now on: obstacles, that
+ * reflect. At least one cell stays open, else it is refused. */
+bool ripple_add_obstacle(ripple *pond, const uint8_t *closed);
 
 /* Whether the water is at rest exactly, so that its picture is the flat one. */
 bool ripple_is_calm(const ripple *pond);
@@ -131,10 +134,10 @@ const float *ripple_heights(const ripple *pond, size_t *stride);
 /* Slopes dh/du, dh/dv (pure numbers: height over length) at the centres of a grid of texels,
  * u_count x v_count each 1 .. SLF_MAX_TEXELS: those of the cubic B-spline that has the heights as
  * control points, which is smooth to the second derivative; the surface continues mirrored beyond
- * borders and level into obstacles. Each array holds v_count rows of u_count. The upward normal is
- * (-slope_u, -slope_v, 1), normalised. */
-void ripple_slopes(ripple *pond, uint32_t u_count, uint32_t v_count, float *slope_u,
-                   float *slope_v);
+ * borders and level into obstacles. Each array holds v_count rows of u_count, `stride` floats
+ * apart. The upward normal is (-slope_u, -slope_v, 1), normalised. */
+void ripple_slopes(ripple *pond, uint32_t u_count, uint32_t v_count, float *slope_u, float *slope_v,
+                   size_t stride);
 
 /* E above as 1/2 integral of (h_t^2 + c^2 |grad h|^2), in scene units^4 / s^2; mean height over
  * open cells; both in double precision, for tests and for the overlay. */

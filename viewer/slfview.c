@@ -28,6 +28,13 @@ static const char help[] =
     "                      osmesa, or egl where osmesa is not installed\n"
     "  --cache N           blocks that stay decompressed (default 65536)\n"
     "  --samples N         N x N samples a pixel, box filter in linear light (default 1)\n"
+    "  --ripple-script FILE\n"
+    "                      disturb the water as the file says (viewer/ripple_script.h); a picture\n"
+    "                      shows it at the script's end\n"
+    "  --fresnel           water over a tinted bottom instead of a pure mirror\n"
+    "  --frames N          N pictures of moving water; the name in --output then holds a %d or\n"
+    "                      %04d, which becomes 0 to N-1\n"
+    "  --fps F             such pictures a second of water time (default 30)\n"
     "  --mask SURFACE      paint that surface white and everything else black\n"
     "  --dice N            polygons are diced to N texels (default 8)\n"
     "  -h, --help          this text\n"
@@ -35,13 +42,18 @@ static const char help[] =
     "examples:\n"
     "  slfview build/floor.slf\n"
     "  slfview build/floor.slf --output floor.png --size 1280x720 --samples 4\n"
-    "  slfview build/floor.slf --output top.png --camera 0,5,0.1,0,0,0,60 --backend egl\n";
+    "  slfview build/floor.slf --output top.png --camera 0,5,0.1,0,0,0,60 --backend egl\n"
+    "  slfview build/pond.slf --ripple-script scenes/pond/demo.ripples\n"
+    "  slfview build/pond.slf --ripple-script scenes/pond/demo.ripples --frames 300 \\\n"
+    "          --output /tmp/pond-%03d.png\n";
 
 typedef struct {
-  const char *path, *output, *view_name, *mask;
+  const char *path, *output, *view_name, *mask, *ripple_script;
   slf_view camera;
   bool has_camera;
-  int width_px, height_px, samples;
+  int width_px, height_px, samples, frame_count; /* frame_count 0: one picture, at the end */
+  double frames_per_s;
+  bool fresnel;
   int backend;
   drawing_options drawing;
 } options;
@@ -63,6 +75,22 @@ static bool read_count(const char *text, long low, long high, long *value) {
   return end != text && *end == 0 && *value >= low && *value <= high;
 }
 
+static bool read_rate(const char *text, double *value) {
+  char *end;
+  *value = strtod(text, &end);
+  return end != text && *end == 0 && *value >= 1 && *value <= 1000;
+}
+
+/* Where the one %d, %4d or %04d of a name begins, or NULL; *end is behind it. */
+static const char *frame_number(const char *name, const char **end) {
+  const char *percent = strchr(name, '%');
+  if (!percent) return NULL;
+  *end = percent + 1 + strspn(percent + 1, "0123456789");
+  if (*end - percent > 3 || **end != 'd' || strchr(*end, '%')) return NULL;
+  ++*end;
+  return percent;
+}
+
 static bool read_size(const char *text, int *width_px, int *height_px) {
   char rest;
   return sscanf(text, "%dx%d%c", width_px, height_px, &rest) == 2 && *width_px >= 1 &&
@@ -82,7 +110,21 @@ static bool read_camera(const char *text, slf_view *view) {
 
 /* 0, or the exit code of a wrong command line, complained about. */
 static int read_options(int argc, char **argv, options *o) {
-  enum { OUTPUT = 256, SIZE, VIEW, CAMERA, BACKEND, CACHE, SAMPLES, MASK, DICE };
+  enum {
+    OUTPUT = 256,
+    SIZE,
+    VIEW,
+    CAMERA,
+    BACKEND,
+    CACHE,
+    SAMPLES,
+    MASK,
+    DICE,
+    RIPPLES,
+    FRESNEL,
+    FRAMES,
+    FPS
+  };
   static const struct option known[] = {{"output", required_argument, NULL, OUTPUT},
                                         {"size", required_argument, NULL, SIZE},
                                         {"view", required_argument, NULL, VIEW},
@@ -91,6 +133,10 @@ static int read_options(int argc, char **argv, options *o) {
                                         {"cache", required_argument, NULL, CACHE},
                                         {"samples", required_argument, NULL, SAMPLES},
                                         {"mask", required_argument, NULL, MASK},
+                                        {"ripple-script", required_argument, NULL, RIPPLES},
+                                        {"fresnel", no_argument, NULL, FRESNEL},
+                                        {"frames", required_argument, NULL, FRAMES},
+                                        {"fps", required_argument, NULL, FPS},
                                         {"dice", required_argument, NULL, DICE},
                                         {"help", no_argument, NULL, 'h'},
                                         {NULL, 0, NULL, 0}};
@@ -99,6 +145,7 @@ static int read_options(int argc, char **argv, options *o) {
   *o = (options){.width_px = 640,
                  .height_px = 480,
                  .samples = 1,
+                 .frames_per_s = 30,
                  .backend = BACKEND_AUTO,
                  .drawing = {.cache_blocks = BLOCK_CACHE_DEFAULT, .dice_px = UV_DICE_PX}};
   opterr = 0;
@@ -112,6 +159,20 @@ static int read_options(int argc, char **argv, options *o) {
       break;
     case MASK:
       o->mask = optarg;
+      break;
+    case RIPPLES:
+      o->ripple_script = optarg;
+      break;
+    case FRESNEL:
+      o->fresnel = true;
+      break;
+    case FRAMES:
+      if (!read_count(optarg, 1, 1000000, &count)) return misuse("frames", optarg, "1 to 1000000");
+      o->frame_count = (int)count;
+      break;
+    case FPS:
+      if (!read_rate(optarg, &o->frames_per_s))
+        return misuse("fps", optarg, "pictures a second, 1 to 1000");
       break;
     case SIZE:
       if (!read_size(optarg, &o->width_px, &o->height_px))
@@ -162,6 +223,9 @@ static int read_options(int argc, char **argv, options *o) {
     return misuse("backend", "glfw", "egl or osmesa with --output");
   if (!o->output && (o->backend == BACKEND_EGL || o->backend == BACKEND_OSMESA))
     return misuse("backend", backend_names[o->backend], "glfw, or --output FILE.png");
+  const char *end;
+  if (o->frame_count > 0 && (!o->output || !frame_number(o->output, &end)))
+    return misuse("output", o->output ? o->output : "", "a name with one %d or %04d for --frames");
   if (o->mask && !o->output) return misuse("mask", o->mask, "--output FILE.png beside it");
   return 0;
 }
@@ -252,14 +316,79 @@ static slf_result open_headless(int wanted, slf_error *error) {
   return context_open_egl(error);
 }
 
-static slf_result write_picture(const options *o, const slf_file *file, const slf_view *view,
-                                file_check *check, slf_error *error) {
+/* Gives every water of the file its script and look. */
+static slf_result prepare_water(const options *o, const slf_file *file, drawing *d,
+                                const ripple_script *script, slf_error *error) {
+  bool found = false;
+  for (uint32_t i = 0; i < slf_surface_count(file); i++) {
+    water *w = drawing_water(d, i);
+    if (!w) continue;
+    w->script = script;
+    w->fresnel = o->fresnel;
+    found = true;
+  }
+  if (found || !(script || o->fresnel)) return SLF_OK;
+  snprintf(error->message, sizeof error->message, "%.256s: none of its surfaces is water", o->path);
+  return SLF_ERROR_ARGUMENT;
+}
+
+/* Steps every water until its time is time_s. */
+static slf_result move_water(const slf_file *file, drawing *d, double time_s, slf_error *error) {
+  for (uint32_t i = 0; i < slf_surface_count(file); i++) {
+    water *w = drawing_water(d, i);
+    if (!w) continue;
+    const double step_s = ripple_get_options(w->pond)->step_s;
+    for (uint64_t left = (uint64_t)llround(time_s / step_s) - w->step_index; left > 0; left--) {
+      const slf_result result = water_step(w, error);
+      if (result != SLF_OK) return result;
+    }
+  }
+  return SLF_OK;
+}
+
+typedef struct {
+  uint8_t *rgba, *reduced;
+} picture;
+
+static slf_result write_picture(const options *o, const slf_view *view, drawing *d, int mask,
+                                const picture *p, const char *path, slf_error *error) {
+  const slf_result result =
+      drawing_render(d, view, o->width_px * o->samples, o->height_px * o->samples, mask, error);
+  if (result != SLF_OK) return result;
+  drawing_read(d, p->rgba);
+  image_reduce(p->rgba, o->width_px, o->height_px, o->samples, p->reduced);
+  return image_write_png(path, p->reduced, o->width_px, o->height_px, error);
+}
+
+static slf_result write_frames(const options *o, const slf_file *file, const slf_view *view,
+                               drawing *d, int mask, const picture *p, slf_error *error) {
+  const char *end, *number = frame_number(o->output, &end);
+  const int digits = number[1] == 'd' ? 1 : atoi(number + 1);
+  char path[4096];
+  slf_result result = SLF_OK;
+  for (int i = 0; i < o->frame_count && result == SLF_OK; i++) {
+    const int length = snprintf(path, sizeof path, "%.*s%0*d%s", (int)(number - o->output),
+                                o->output, digits, i, end);
+    if (length < 0 || (size_t)length >= sizeof path) {
+      snprintf(error->message, sizeof error->message, "--output: longer than %zu characters",
+               sizeof path - 1);
+      return SLF_ERROR_ARGUMENT;
+    }
+    result = move_water(file, d, i / o->frames_per_s, error);
+    if (result == SLF_OK) result = write_picture(o, view, d, mask, p, path, error);
+  }
+  return result;
+}
+
+static slf_result write_pictures(const options *o, const slf_file *file, const slf_view *view,
+                                 const ripple_script *script, file_check *check, slf_error *error) {
   drawing *d = NULL;
-  int width_px = o->width_px * o->samples, height_px = o->height_px * o->samples, mask = -1;
-  uint8_t *rgba = malloc((size_t)width_px * (size_t)height_px * 4);
-  uint8_t *reduced = malloc((size_t)o->width_px * (size_t)o->height_px * 4);
+  const int width_px = o->width_px * o->samples, height_px = o->height_px * o->samples;
+  int mask = -1;
+  const picture p = {malloc((size_t)width_px * (size_t)height_px * 4),
+                     malloc((size_t)o->width_px * (size_t)o->height_px * 4)};
   slf_result result = SLF_ERROR_MEMORY;
-  if (!rgba || !reduced) {
+  if (!p.rgba || !p.reduced) {
     snprintf(error->message, sizeof error->message, "out of memory for %dx%d pixels", width_px,
              height_px);
     goto done;
@@ -267,25 +396,29 @@ static slf_result write_picture(const options *o, const slf_file *file, const sl
   if (o->mask && (result = find_surface(file, o->mask, &mask, error)) != SLF_OK) goto done;
   if ((result = open_headless(o->backend, error)) != SLF_OK) goto done;
   if ((result = drawing_create(file, o->drawing, &d, error)) != SLF_OK) goto done;
-  if ((result = drawing_render(d, view, width_px, height_px, mask, error)) != SLF_OK) goto done;
-  drawing_read(d, rgba);
-  image_reduce(rgba, o->width_px, o->height_px, o->samples, reduced);
+  if ((result = prepare_water(o, file, d, script, error)) != SLF_OK) goto done;
   if ((result = finish_check(check)) != SLF_OK) goto done; /* it has complained by itself */
-  result = image_write_png(o->output, reduced, o->width_px, o->height_px, error);
+  if (o->frame_count > 0) {
+    result = write_frames(o, file, view, d, mask, &p, error);
+  } else {
+    result = move_water(file, d, script ? ripple_script_end_s(script) : 0, error);
+    if (result == SLF_OK) result = write_picture(o, view, d, mask, &p, o->output, error);
+  }
 done:
   drawing_free(d);
   context_close_egl();
   context_close_osmesa();
-  free(rgba);
-  free(reduced);
+  free(p.rgba);
+  free(p.reduced);
   return result;
 }
 
 static slf_result show_window(const options *o, const slf_file *file, const slf_view *view,
-                              slf_error *error) {
+                              const ripple_script *script, slf_error *error) {
   drawing *d = NULL;
   slf_result result = window_open(o->path, o->width_px, o->height_px, error);
   if (result == SLF_OK) result = drawing_create(file, o->drawing, &d, error);
+  if (result == SLF_OK) result = prepare_water(o, file, d, script, error);
   if (result == SLF_OK) result = window_run(d, view, error);
   drawing_free(d);
   window_close();
@@ -301,17 +434,26 @@ int main(int argc, char **argv) {
   slf_error error = {{0}};
   slf_view view;
   file_check check;
-  if (slf_open(o.path, &file, &error) != SLF_OK) return complain(NULL, error.message);
-  slf_result result = choose_view(&o, file, &view, &error);
+  ripple_script *script = NULL;
+  slf_result result = SLF_OK;
+  if (o.ripple_script) result = ripple_script_read(o.ripple_script, &script, &error);
+  if (result == SLF_OK) result = slf_open(o.path, &file, &error);
+  if (result != SLF_OK) {
+    ripple_script_free(script);
+    return complain(NULL, error.message);
+  }
+  result = choose_view(&o, file, &view, &error);
   if (result != SLF_OK) {
     slf_close(file);
+    ripple_script_free(script);
     return complain(o.path, error.message);
   }
   start_check(&check, file, o.path);
-  result = o.output ? write_picture(&o, file, &view, &check, &error)
-                    : show_window(&o, file, &view, &error);
+  result = o.output ? write_pictures(&o, file, &view, script, &check, &error)
+                    : show_window(&o, file, &view, script, &error);
   bool check_failed = finish_check(&check) != SLF_OK;
   if (result != SLF_OK && error.message[0]) complain(NULL, error.message);
   slf_close(file);
+  ripple_script_free(script);
   return result == SLF_OK && !check_failed ? EXIT_SUCCESS : EXIT_FAILURE;
 }
