@@ -75,7 +75,7 @@ $(addsuffix .made,$(RAY_TABLES)):
 $(RAY_TABLES): %/rays: %/rays.made
 	@:
 
-$(CHUNKS): $(BAKE_DIR)/look bake/camera.c bake/sample.c bake/gather.c
+$(CHUNKS): $(BAKE_DIR)/look $(addprefix bake/,camera.c sample.c gather.c image.c)
 	@bake/trace chunk $(notdir $(@D)) $(basename $(notdir $@)) $@
 
 build/$(BAKE).slf: $(BAKE_DIR)/plan.mk $(CHUNKS) $(wildcard $(BAKE_SCENE)/views)
@@ -89,3 +89,4 @@ $(BAKE_CHECKERS): $(OUT)/tests/bake/%: $(OBJ)/tests/bake/%.o $(BAKE_OBJECTS) $(L
 	$(CC) $^ -o $@ $(ALL_LDFLAGS) $(filter -L% -lOpenEXRCore%,$(shell pkg-config --libs OpenEXR)) -lm
 unit-suites: $(BAKE_CHECKERS)
 $(OUT)/tests/unit/bake_sample: $(OBJ)/bake/sample.o
+$(OUT)/tests/unit/bake_image: $(addprefix $(OBJ)/bake/,image.o fail.o)

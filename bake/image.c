@@ -121,7 +121,7 @@ void image_write(const char *path, uint32_t width, uint32_t height, const float 
   int part;
   check(exr_add_part(context, NULL, EXR_STORAGE_SCANLINE, &part), path);
   check(exr_initialize_required_attr_simple(context, part, (int32_t)width, (int32_t)height,
-                                            EXR_COMPRESSION_ZIPS),
+                                            EXR_COMPRESSION_NONE),
         path);
   for (const char *name = "BGR"; *name; name++) {
     char channel[2] = {*name, 0};
