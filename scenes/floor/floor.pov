@@ -17,21 +17,29 @@ global_settings { assumed_gamma 1.0 max_trace_level 6 }
 #declare Height = 4;
 
 // ---- Light -------------------------------------------------------------------------------------
-light_source { <-1.6, 3.7, -1.2> color rgb 0.7 fade_distance 6 fade_power 1 }
-light_source { <2.6, 3.7, 2.2> color rgb <0.35, 0.33, 0.30> fade_distance 6 fade_power 1 }
+light_source { <-1.2, 3.7, -1.0> color rgb 0.85 fade_distance 6 fade_power 1 }
 
 #declare Matte = finish { ambient 0.22 diffuse 0.75 }
 
 // ---- Floor -------------------------------------------------------------------------------------
-// A dull reflector is a mirror of facets far smaller than a texel. Their slopes spread the
-// reflected rays over a lobe whose standard deviation in s and in t is one cell of 16x16 directions,
-// 2/16 = 0.125 (measured: 0.125 at bumps 0.23).
-#declare Dull_Normal = normal { bumps 0.23 scale 0.0004 }
+// A dull reflector spreads the reflected rays over a lobe whose standard deviation in s and in t is
+// one cell of 16x16 directions, 2/16 = 0.125. Half of its variance is four facets tilted to the four
+// sides, each hit by every ray; half is micro-normals far smaller than a texel, averaged over many
+// rays. Four facets cost 2.5 times one and leave the noise of eight times the rays.
+#declare Mirror_Finish = finish { ambient 0 diffuse 0 reflection 0.8 phong 0.6 phong_size 30 }
+#macro Facet(Tilt_X, Tilt_Z) // tilts in s and t, as measured under a position-coded sky
+  pigment { rgb 0 }
+  normal { average normal_map { [1 function { 0.5 + (Tilt_X*x + Tilt_Z*z)/16 } 120.4] [1 bumps 0.325 scale 0.0004] } }
+  finish { Mirror_Finish }
+#end
 
 plane { y, 0
-  pigment { rgb 0 }
-  #if (!Mirror) normal { Dull_Normal } #end
-  finish { ambient 0 diffuse 0 reflection 0.8 phong 0.6 phong_size 30 }
+  #if (Mirror)
+    texture { pigment { rgb 0 } finish { Mirror_Finish } }
+  #else
+    #declare Tilt = 0.0884; // 0.125 / sqrt 2
+    texture { average texture_map { [1 Facet(-Tilt, -Tilt)] [1 Facet(Tilt, -Tilt)] [1 Facet(-Tilt, Tilt)] [1 Facet(Tilt, Tilt)] } }
+  #end
 }
 
 // ---- Walls and ceiling -------------------------------------------------------------------------
