@@ -3,8 +3,8 @@
 LIBSLF := $(OUT)/libslf.a
 SLF := $(OUT)/slf
 
-LIBSLF_OBJECTS := $(addprefix $(OBJ)/codec/,decode.o direction.o encode.o format.o huffman.o \
-  kernel.o layer.o read.o stream.o write.o)
+LIBSLF_OBJECTS := $(addprefix $(OBJ)/codec/,block_code.o decode.o direction.o encode.o format.o \
+  huffman.o kernel.o layer.o parallel.o rate.o read.o stream.o write.o)
 
 $(LIBSLF): $(LIBSLF_OBJECTS)
 	rm -f $@ && $(AR) crs $@ $^

@@ -1,254 +1,672 @@
 /* encode.c - from slices to C-Blocks. */
 #include "codec/encode.h"
 
+#include "codec/decode.h"
+#include "codec/parallel.h"
+#include "codec/rate.h"
+
+#include <float.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
 
 enum {
-  SAMPLED_QUADS = 48, /* the tables are made from as many quads, spread over all */
-  ENTRY_BITS = 240    /* an entry's bits are worth its index: 10 of them */
+  ENTRY_BITS = 240,      /* an entry's bits are worth its index: 10 of them */
+  SAMPLED_UNITS = 24,    /* the codes are made from places of so many units, */
+  SAMPLED_PLACES = 3072, /* so many places in all, */
+  TRAINING_ROUNDS = 3,   /* coded so often, each time with the codes of the time before */
+  ENTRIES_A_TASK = 16
 };
+
+/* What a bit is worth in squared steps. At high rate the slope of error against rate is
+ * 2 ln 2 / 12 = 0.12; the small levels that most of our bits go to are worth a little more. */
+static const float lambda = 0.13f;
+
+typedef float coefficients[3][COEFFICIENTS];
 
 typedef struct {
   layer_state layer;
   const slf_source *source;
   const char *name;
-  float inverse_steps[3][COEFFICIENTS];
+  uint32_t thread_count;
+  float steps[3][COEFFICIENTS]; /* of a level of the rest, as numbers */
+  code_costs costs;             /* of the stream that is being coded */
   huffman_encoder encoders[CODE_COUNT];
-  uint64_t counts[CODE_COUNT][256]; /* of symbols, while sampling */
-  float *rgb;                       /* one slice */
-  uint8_t *slices[QUAD_SLICES];     /* 8-bit, R G B */
+  float *rgb;                   /* one slice */
+  uint8_t *slices[QUAD_SLICES]; /* 8-bit R G B of a unit, by quad_place */
 } layer_encoder;
 
 /* ---- Quality ------------------------------------------------------------------------------------
  */
 
-/* Steps are whole numbers, so that a slice can leave as a JPEG with the same coefficients. The
- * error of a texel depends on the step alone, whatever the frequency; the slight slope keeps all 64
- * from jumping to the next whole number at the same quality. */
-static void make_steps(layer_state *layer) {
-  double base = exp2((100 - layer->public.quality) / 8.0);
+/* A channel's error counts in R, G and B: luma's in all, Cb's 1.772 and 0.344, Cr's 1.402 and 0.714
+ * times. Steps in inverse proportion make every bit buy the same error; the slight slope over the
+ * frequencies keeps whole-numbered steps from jumping all at the same quality. Steps of the scheme
+ * without prediction are whole, so that a slice can leave as a JPEG with the same coefficients. */
+static void make_steps(layer_encoder *e) {
+  static const double channel_scale[3] = {1.0, 0.96, 1.10};
+  bool whole = e->layer.public.angular == SLF_ANGULAR_NONE;
+  double base = exp2((100 - e->layer.public.quality) / 8.0);
   for (int channel = 0; channel < 3; channel++)
     for (int i = 0; i < COEFFICIENTS; i++) {
-      double step = base * (0.94 + 0.008 * (i / 8 + i % 8));
-      step = fmax(1, fmin(4000, floor(step + 0.5)));
-      layer->steps[channel][i] = (uint16_t)(step * STEP_ONE);
+      double step = base * channel_scale[channel] * (0.95 + 0.007 * (i / 8 + i % 8));
+      double sixteenths = floor(whole ? floor(step + 0.5) * STEP_ONE : step * STEP_ONE + 0.5);
+      sixteenths = fmax(STEP_ONE, fmin(4000.0 * STEP_ONE, sixteenths));
+      e->layer.steps[channel][i] = (uint16_t)sixteenths;
+      e->steps[channel][i] = (float)(sixteenths / STEP_ONE);
     }
-  layer_make_scales(layer);
+  layer_make_scales(&e->layer);
 }
 
 /* ---- Coefficients -------------------------------------------------------------------------------
  */
 
-/* Texels beyond the slice's edge repeat the edge. */
-static void quantise_block(const layer_encoder *e, const uint8_t *slice, uint32_t block_u,
-                           uint32_t block_v, int16_t levels[3][COEFFICIENTS]) {
-  const slf_layer *p = &e->layer.public;
+static void transform_texels(float rgb[COEFFICIENTS][3], coefficients c) {
   float texels[3][COEFFICIENTS];
-  for (uint32_t i = 0; i < COEFFICIENTS; i++) {
-    uint32_t u = block_u * SLF_BLOCK_SIDE + i % 8, v = block_v * SLF_BLOCK_SIDE + i / 8;
-    u = u < p->u_count ? u : p->u_count - 1;
-    v = v < p->v_count ? v : p->v_count - 1;
-    const uint8_t *rgb = slice + 3 * ((size_t)v * p->u_count + u);
-    float r = rgb[0], g = rgb[1], b = rgb[2];
+  for (int i = 0; i < COEFFICIENTS; i++) {
+    float r = rgb[i][0], g = rgb[i][1], b = rgb[i][2];
     texels[0][i] = 0.299f * r + 0.587f * g + 0.114f * b - 128;
     texels[1][i] = -0.168735892f * r - 0.331264108f * g + 0.5f * b;
     texels[2][i] = 0.5f * r - 0.418687589f * g - 0.081312411f * b;
   }
-  for (int channel = 0; channel < 3; channel++) {
-    float coefficients[COEFFICIENTS];
-    forward_dct(texels[channel], coefficients);
-    for (int i = 0; i < COEFFICIENTS; i++) {
-      float x = coefficients[i] * e->inverse_steps[channel][i];
-      /* Small AC levels cost more bits than they gain: round them down from a little above half. */
-      float magnitude = floorf(fabsf(x) + (i == 0 ? 0.5f : 0.4f));
-      magnitude = magnitude < MAX_LEVEL ? magnitude : MAX_LEVEL;
-      levels[channel][i] = (int16_t)(x < 0 ? -magnitude : magnitude);
-    }
+  for (int channel = 0; channel < 3; channel++) forward_dct(texels[channel], c[channel]);
+}
+
+/* Texel i of a place; beyond the slice's edge the edge repeats. */
+static size_t texel_index(const slf_layer *p, uint64_t place, uint32_t i) {
+  uint32_t u = (uint32_t)(place % p->block_u_count) * SLF_BLOCK_SIDE + i % 8;
+  uint32_t v = (uint32_t)(place / p->block_u_count) * SLF_BLOCK_SIDE + i / 8;
+  u = u < p->u_count ? u : p->u_count - 1;
+  v = v < p->v_count ? v : p->v_count - 1;
+  return (size_t)v * p->u_count + u;
+}
+
+static void transform_block(const layer_encoder *e, const uint8_t *slice, uint64_t place,
+                            coefficients c) {
+  float rgb[COEFFICIENTS][3];
+  for (uint32_t i = 0; i < COEFFICIENTS; i++) {
+    const uint8_t *texel = slice + 3 * texel_index(&e->layer.public, place, i);
+    for (int k = 0; k < 3; k++) rgb[i][k] = texel[k];
   }
+  transform_texels(rgb, c);
 }
 
 /* ---- Symbols ------------------------------------------------------------------------------------
  */
 
-/* A symbol goes to the counts while bits is NULL, else out. */
+/* Symbols go to counts, or where counts is NULL out to bits. */
 typedef struct {
-  layer_encoder *encoder;
+  const huffman_encoder *encoders;
+  uint64_t (*counts)[256];
   bit_string *bits;
 } symbol_sink;
 
 static void put_symbol(const symbol_sink *sink, int code, unsigned symbol) {
-  if (sink->bits) {
-    const huffman_encoder *h = &sink->encoder->encoders[code];
-    bits_put(sink->bits, h->codes[symbol], h->bits[symbol]);
-  } else {
-    sink->encoder->counts[code][symbol]++;
-  }
+  if (sink->counts)
+    sink->counts[code][symbol]++;
+  else
+    bits_put(sink->bits, sink->encoders[code].codes[symbol], sink->encoders[code].bits[symbol]);
 }
 
-static unsigned level_size(int level) {
-  unsigned magnitude = (unsigned)abs(level);
-  return magnitude ? 32 - (unsigned)__builtin_clz(magnitude) : 0;
-}
-
-static void put_level(const symbol_sink *sink, int level, unsigned size) {
-  if (sink->bits)
+static void put_magnitude(const symbol_sink *sink, int level, unsigned size) {
+  if (!sink->counts)
     bits_put(sink->bits, (uint32_t)(level < 0 ? level - 1 : level) & ((1u << size) - 1), size);
 }
 
-/* An AC level behind `run` zeros; what the tables have no code for escapes. */
-static void put_run_level(const symbol_sink *sink, int code, unsigned run, int level) {
-  unsigned size = level_size(level);
-  const huffman_encoder *h = &sink->encoder->encoders[code];
-  unsigned tail = (run & 15) << 4 | size;
-  bool coded = !sink->bits || (h->bits[tail] && (run < 16 || h->bits[SYMBOL_RUN_16]));
+/* An AC level behind `run` zeros; what the codes lack escapes. Returns the code of what follows. */
+static int put_run_level(const symbol_sink *sink, int code, unsigned run, int level) {
+  unsigned size = level_size(level), tail = (run & 15) << 4 | size;
+  const huffman_encoder *own = &sink->encoders[run < 16 ? code : code | 1];
+  bool coded =
+      sink->counts ||
+      (own->bits[tail] &&
+       (run < 16 || (sink->encoders[code].bits[SYMBOL_RUN_16] && own->bits[SYMBOL_RUN_16])));
   if (coded) {
-    for (; run > 15; run -= 16) put_symbol(sink, code, SYMBOL_RUN_16);
+    for (; run > 15; run -= 16, code |= 1) put_symbol(sink, code, SYMBOL_RUN_16);
     put_symbol(sink, code, tail);
-    put_level(sink, level, size);
+    put_magnitude(sink, level, size);
   } else {
     put_symbol(sink, code, SYMBOL_ESCAPE);
     bits_put(sink->bits, run, 6);
     bits_put(sink->bits, (uint16_t)level, 16);
   }
+  return code | 1;
 }
 
-static void put_block(const symbol_sink *sink, int16_t levels[3][COEFFICIENTS]) {
+/* What a place's blocks are predicted from, as the decoder will have it. */
+typedef struct {
+  int16_t intra_dc[3];
+  bool has_previous;
+  coefficients previous; /* the block before, decoded */
+} place_state;
+
+typedef struct {
+  predictor predictor;
+  int du, dv;
+  unsigned flags;
+  int16_t levels[3][COEFFICIENTS];
+  float cost;
+} block_choice;
+
+static void put_block(const symbol_sink *sink, const block_choice *b, place_state *state) {
+  int residual = b->predictor != PREDICT_INTRA;
+  put_symbol(sink, CODE_HEAD, (unsigned)b->predictor << 3 | b->flags);
+  if (b->predictor == PREDICT_SHIFT) {
+    put_symbol(sink, CODE_SHIFT, (unsigned)(b->du + 16));
+    put_symbol(sink, CODE_SHIFT, (unsigned)(b->dv + 16));
+  }
   for (int channel = 0; channel < 3; channel++) {
-    int chroma = channel > 0;
-    unsigned size = level_size(levels[channel][0]), run = 0;
-    put_symbol(sink, CODE_DC_LUMA + chroma, size);
-    put_level(sink, levels[channel][0], size);
+    const int16_t *levels = b->levels[channel];
+    bool coded = b->flags >> channel & 1;
+    if (residual && !coded) continue;
+    int dc = residual ? levels[0] : levels[0] - state->intra_dc[channel];
+    if (!residual) state->intra_dc[channel] = levels[0];
+    put_symbol(sink, dc_code(residual, channel > 0), level_size(dc));
+    put_magnitude(sink, dc, level_size(dc));
+    if (!coded) continue;
+    int code = ac_code(residual, channel > 0, 0);
+    unsigned run = 0;
     for (int k = 1; k < COEFFICIENTS; k++) {
-      int level = levels[channel][slf_zigzag[k]];
-      if (level) put_run_level(sink, CODE_AC_LUMA + chroma, run, level);
+      int level = levels[slf_zigzag[k]];
+      if (level) code = put_run_level(sink, code, run, level);
       run = level ? 0 : run + 1;
     }
-    put_symbol(sink, CODE_AC_LUMA + chroma, SYMBOL_END);
+    put_symbol(sink, code, SYMBOL_END);
+  }
+}
+
+/* ---- Choosing -----------------------------------------------------------------------------------
+ */
+
+typedef struct {
+  const layer_encoder *encoder;
+  stream_kind kind;
+  uint32_t s, t; /* the slice, of keys and rest */
+  uint64_t place;
+  float step_scale; /* of this stream's level over the rest's */
+} block_site;
+
+/* The best levels for what a prediction leaves (NULL: nothing predicted). */
+static void try_predictor(const block_site *site, predictor how, int du, int dv,
+                          const coefficients target, coefficients prediction,
+                          const place_state *state, block_choice *best) {
+  const layer_encoder *e = site->encoder;
+  const code_costs *costs = &e->costs;
+  channel_choice choices[3][2];
+  bool intra = how == PREDICT_INTRA;
+  for (int c = 0; c < 3; c++) {
+    float x[COEFFICIENTS];
+    for (int i = 0; i < COEFFICIENTS; i++)
+      x[i] = (target[c][i] - (prediction ? prediction[c][i] : 0)) /
+             (e->steps[c][i] * site->step_scale);
+    choose_levels(costs, intra, c > 0, x, state->intra_dc[c], lambda, choices[c]);
+  }
+  float fixed = 0;
+  if (how == PREDICT_SHIFT) fixed = lambda * (costs->shift[du + 16] + costs->shift[dv + 16]);
+  for (unsigned flags = 0; flags < 8; flags++) {
+    float cost = fixed + lambda * costs->head[how << 3 | flags];
+    bool possible = true;
+    for (int c = 0; c < 3; c++) {
+      const channel_choice *choice = &choices[c][flags >> c & 1];
+      possible = possible && (!(flags >> c & 1) || choice->coded);
+      cost += choice->cost;
+    }
+    if (!possible || cost >= best->cost) continue;
+    best->cost = cost;
+    best->predictor = how;
+    best->flags = flags;
+    best->du = du;
+    best->dv = dv;
+    for (int c = 0; c < 3; c++)
+      memcpy(best->levels[c], choices[c][flags >> c & 1].levels, sizeof best->levels[c]);
+  }
+}
+
+static void fine_to_coefficients(const layer_encoder *e, int16_t fine[3][COEFFICIENTS],
+                                 coefficients c) {
+  for (int k = 0; k < 3 * COEFFICIENTS; k++)
+    (&c[0][0])[k] = (&fine[0][0])[k] * (&e->steps[0][0])[k] * (1.0f / FINE);
+}
+
+/* The shift of key - base whose luma is nearest to what base leaves of the target. */
+static void search_shift(const block_site *site, uint32_t group, const coefficients wanted, int *du,
+                         int *dv) {
+  enum { SIDE = 24 };
+  float window[SIDE][SIDE], luma[COEFFICIENTS], block[3][COEFFICIENTS];
+  const layer_state *layer = &site->encoder->layer;
+  for (int y = -8; y <= 8; y += 8)
+    for (int x = -8; x <= 8; x += 8) {
+      decode_shifted(layer, group, site->place, x, y, block);
+      for (int i = 0; i < COEFFICIENTS; i++) window[y + 8 + i / 8][x + 8 + i % 8] = block[0][i];
+    }
+  memcpy(luma, wanted[0], sizeof luma);
+  plain_inverse_dct(luma);
+  float best = FLT_MAX;
+  for (int y = -MAX_SHIFT; y <= MAX_SHIFT; y++)
+    for (int x = -MAX_SHIFT; x <= MAX_SHIFT; x++) {
+      float lanes[8] = {0}, sum = 0;
+      for (int j = 0; j < 8; j++)
+        for (int i = 0; i < 8; i++) {
+          float d = window[8 + y + j][8 + x + i] - luma[8 * j + i];
+          lanes[i] += d * d;
+        }
+      for (int i = 0; i < 8; i++) sum += lanes[i];
+      if (sum >= best) continue;
+      best = sum;
+      *du = x;
+      *dv = y;
+    }
+}
+
+static void add_coefficients(coefficients c, const coefficients more) {
+  for (int k = 0; k < 3 * COEFFICIENTS; k++) (&c[0][0])[k] += (&more[0][0])[k];
+}
+
+/* The best way to code one block; *decoded is what the decoder will make of it. */
+static void choose_block(const block_site *site, const coefficients target, place_state *state,
+                         block_choice *best) {
+  const layer_encoder *e = site->encoder;
+  const layer_state *layer = &e->layer;
+  int16_t fine[3][COEFFICIENTS];
+  coefficients predictions[PREDICTOR_COUNT];
+  best->cost = FLT_MAX;
+  memset(predictions[PREDICT_INTRA], 0, sizeof(coefficients));
+  try_predictor(site, PREDICT_INTRA, 0, 0, target, NULL, state, best);
+  slf_angular angular = layer->public.angular;
+  bool with_base = site->kind != STREAM_BASE && layer_has(layer, STREAM_BASE);
+  if (with_base) {
+    decode_base(layer, site->place, fine);
+    fine_to_coefficients(e, fine, predictions[PREDICT_BASE]);
+    try_predictor(site, PREDICT_BASE, 0, 0, target, predictions[PREDICT_BASE], state, best);
+  }
+  if (site->kind == STREAM_REST && angular == SLF_ANGULAR_LAYERED) {
+    uint32_t group = layer_group(layer, site->s, site->t);
+    decode_key(layer, group, site->place, fine);
+    fine_to_coefficients(e, fine, predictions[PREDICT_KEY]);
+    try_predictor(site, PREDICT_KEY, 0, 0, target, predictions[PREDICT_KEY], state, best);
+    decode_keys(layer, site->s, site->t, site->place, fine);
+    fine_to_coefficients(e, fine, predictions[PREDICT_KEYS]);
+    try_predictor(site, PREDICT_KEYS, 0, 0, target, predictions[PREDICT_KEYS], state, best);
+    if (state->has_previous) {
+      memcpy(predictions[PREDICT_PREVIOUS], state->previous, sizeof(coefficients));
+      try_predictor(site, PREDICT_PREVIOUS, 0, 0, target, predictions[PREDICT_PREVIOUS], state,
+                    best);
+    }
+    coefficients wanted;
+    for (int k = 0; k < 3 * COEFFICIENTS; k++)
+      (&wanted[0][0])[k] = (&target[0][0])[k] - (&predictions[PREDICT_BASE][0][0])[k];
+    int du = 0, dv = 0;
+    search_shift(site, group, wanted, &du, &dv);
+    if (du || dv) {
+      float channels[3][COEFFICIENTS];
+      decode_shifted(layer, group, site->place, du, dv, channels);
+      for (int c = 0; c < 3; c++) forward_dct(channels[c], predictions[PREDICT_SHIFT][c]);
+      add_coefficients(predictions[PREDICT_SHIFT], predictions[PREDICT_BASE]);
+      try_predictor(site, PREDICT_SHIFT, du, dv, target, predictions[PREDICT_SHIFT], state, best);
+    }
+  }
+  memcpy(state->previous, predictions[best->predictor], sizeof(coefficients));
+  for (int c = 0; c < 3; c++)
+    for (int i = 0; i < COEFFICIENTS; i++)
+      state->previous[c][i] += best->levels[c][i] * e->steps[c][i] * site->step_scale;
+  state->has_previous = true;
+}
+
+/* ---- Places -------------------------------------------------------------------------------------
+ */
+
+/* The blocks of a place, in the order of their C-Blocks, and where they are. */
+typedef struct {
+  uint32_t s[QUAD_SLICES], t[QUAD_SLICES];
+  int slice_count;
+} unit_slices;
+
+static unit_slices slices_of_quad(const layer_state *layer, uint32_t quad) {
+  unit_slices unit = {.slice_count = 0};
+  for (uint32_t q = 0; q < QUAD_SLICES; q++) {
+    if (!(layer->quad_slices[quad] >> q & 1)) continue;
+    unit.s[unit.slice_count] = quad % layer->quad_s_count * 2 + (q == 1 || q == 2);
+    unit.t[unit.slice_count++] = quad / layer->quad_s_count * 2 + (q >= 2);
+  }
+  return unit;
+}
+
+static void put_place(const layer_encoder *e, stream_kind kind, const unit_slices *unit,
+                      uint64_t place, coefficients *blocks, const symbol_sink *sink,
+                      place_state *state) {
+  state->has_previous = false;
+  for (int i = 0; i < unit->slice_count; i++) {
+    block_site site = {
+        e,          kind,  unit->s[i],
+        unit->t[i], place, (float)e->layer.gains[kind] / (float)e->layer.gains[STREAM_REST]};
+    block_choice choice;
+    choose_block(&site, blocks[i], state, &choice);
+    put_block(sink, &choice, state);
   }
 }
 
 /* ---- Slices -------------------------------------------------------------------------------------
  */
 
-static slf_result read_quad(layer_encoder *e, uint32_t quad, slf_error *error) {
+static slf_result read_slice(layer_encoder *e, uint32_t s, uint32_t t, uint8_t *codes,
+                             slf_error *error) {
   const slf_layer *p = &e->layer.public;
-  uint32_t s0 = quad % e->layer.quad_s_count * 2, t0 = quad / e->layer.quad_s_count * 2;
+  slf_result result = e->source->read_slice(e->source->context, s, t, e->rgb, error);
+  if (result != SLF_OK) return result;
   size_t samples = 3 * (size_t)p->u_count * p->v_count;
-  for (uint32_t i = 0; i < QUAD_SLICES; i++) {
-    if (!(e->layer.quad_slices[quad] >> i & 1)) continue;
-    uint32_t s = s0 + (i & 1), t = t0 + (i >> 1);
-    slf_result result = e->source->read_slice(e->source->context, s, t, e->rgb, error);
-    if (result != SLF_OK) return result;
-    for (size_t k = 0; k < samples; k++) {
-      if (!isfinite(e->rgb[k]))
-        return slf_fail(error, SLF_ERROR_ARGUMENT,
-                        "%s: slice (%u, %u): texel (%zu, %zu) is not finite", e->name, s, t,
-                        k / 3 % p->u_count, k / 3 / p->u_count);
-      e->slices[i][k] = slf_srgb_from_linear(e->rgb[k]);
-    }
+  for (size_t k = 0; k < samples; k++) {
+    if (!isfinite(e->rgb[k]))
+      return slf_fail(error, SLF_ERROR_ARGUMENT,
+                      "%s: slice (%u, %u): texel (%zu, %zu) is not finite", e->name, s, t,
+                      k / 3 % p->u_count, k / 3 / p->u_count);
+    codes[k] = slf_srgb_from_linear(e->rgb[k]);
   }
   return SLF_OK;
 }
 
-static void put_place(layer_encoder *e, const symbol_sink *sink, uint32_t quad, uint64_t block) {
-  uint32_t block_u = (uint32_t)(block % e->layer.public.block_u_count);
-  uint32_t block_v = (uint32_t)(block / e->layer.public.block_u_count);
-  for (int i = 0; i < QUAD_SLICES; i++) {
-    if (!(e->layer.quad_slices[quad] >> i & 1)) continue;
-    int16_t levels[3][COEFFICIENTS];
-    quantise_block(e, e->slices[i], block_u, block_v, levels);
-    put_block(sink, levels);
-  }
-}
-
-static void report(const layer_encoder *e, double fraction) {
-  if (e->source->progress) e->source->progress(e->source->context, fraction);
-}
-
-/* Counts the symbols of some quads, makes the codes, and chooses how many places share an entry. */
-static slf_result make_codes(layer_encoder *e, slf_error *error) {
-  layer_state *layer = &e->layer;
-  uint64_t blocks = (uint64_t)layer->public.block_u_count * layer->public.block_v_count;
-  uint32_t stride = (layer->quad_count + SAMPLED_QUADS - 1) / SAMPLED_QUADS, sampled = 0;
-  symbol_sink sink = {e, NULL};
-  for (uint32_t quad = 0, seen = 0; quad < layer->quad_s_count * layer->quad_t_count; quad++) {
-    if (!layer->quad_slices[quad] || seen++ % stride != stride / 2) continue;
-    slf_result result = read_quad(e, quad, error);
-    if (result != SLF_OK) return result;
-    for (uint64_t block = 0; block < blocks; block++) put_place(e, &sink, quad, block);
-    sampled++;
-  }
-  uint64_t bits = 0;
-  for (int code = 0; code < CODE_COUNT; code++) {
-    /* What the sample lacks the rest may have: every size of DC, and the way out for AC. */
-    if (code <= CODE_DC_CHROMA) {
-      for (int size = 0; size < 16; size++) e->counts[code][size]++;
-    } else {
-      e->counts[code][SYMBOL_END]++;
-      e->counts[code][SYMBOL_ESCAPE]++;
-      e->counts[code][SYMBOL_RUN_16]++;
-    }
-    huffman_build(e->counts[code], &layer->huffman[code]);
-    huffman_make_encoder(&layer->huffman[code], &e->encoders[code]);
-    for (int s = 0; s < 256; s++)
-      bits += e->counts[code][s] * (e->encoders[code].bits[s] + (s & 15u));
-  }
-  double bits_a_place = (double)bits / ((double)sampled * (double)blocks);
-  unsigned log2 = 0;
-  while (log2 < MAX_RUN_LOG2 && bits_a_place * (1u << log2) < ENTRY_BITS) log2++;
-  layer->run_blocks = 1u << log2;
-  layer->entries_per_quad = (blocks + layer->run_blocks - 1) / layer->run_blocks;
-  layer->stream.entry_count = layer->entries_per_quad * layer->quad_count;
-  return SLF_OK;
-}
-
-static slf_result put_quads(layer_encoder *e, stream_writer *stream, slf_error *error) {
-  layer_state *layer = &e->layer;
-  uint64_t blocks = (uint64_t)layer->public.block_u_count * layer->public.block_v_count;
-  uint32_t quads = layer->quad_s_count * layer->quad_t_count;
-  bit_string entry = {0};
-  symbol_sink sink = {e, &entry};
+static slf_result read_unit(layer_encoder *e, const unit_slices *unit, slf_error *error) {
   slf_result result = SLF_OK;
-  for (uint32_t quad = 0; quad < quads && result == SLF_OK; quad++) {
-    if (!layer->quad_slices[quad]) continue;
-    result = read_quad(e, quad, error);
-    for (uint64_t block = 0; block < blocks && result == SLF_OK; block++) {
-      put_place(e, &sink, quad, block);
-      if ((block + 1) % layer->run_blocks && block + 1 < blocks) continue;
-      stream_put(stream, &entry);
-      if (entry.bytes) memset(entry.bytes, 0, entry.capacity_nbytes);
-      entry.bit_count = 0;
-    }
-    report(e, (layer->quad_ranks[quad] + 1.0) / layer->quad_count);
-  }
-  bits_free(&entry);
+  for (int i = 0; i < unit->slice_count && result == SLF_OK; i++)
+    result = read_slice(e, unit->s[i], unit->t[i], e->slices[i], error);
   return result;
 }
 
-static slf_result put_header(const layer_state *layer, uint64_t payload_bits,
-                             encoded_layer *encoded, const char *name, slf_error *error) {
-  uint8_t *b = calloc(1, LAYER_FIXED_NBYTES + CODE_COUNT * HUFFMAN_MAX_NBYTES);
+/* The units of a stream, by rank, that have blocks. */
+static unit_slices unit_at(const layer_state *layer, stream_kind kind, uint32_t index) {
+  if (kind == STREAM_REST) return slices_of_quad(layer, index);
+  uint32_t key = layer->group_keys[index];
+  return (unit_slices){{key & 0xffff}, {key >> 16}, key != NO_KEY};
+}
+
+static uint32_t unit_index_count(const layer_state *layer, stream_kind kind) {
+  if (kind == STREAM_REST) return layer->quad_s_count * layer->quad_t_count;
+  return layer->group_s_count * layer->group_t_count;
+}
+
+/* ---- Codes --------------------------------------------------------------------------------------
+ */
+
+typedef struct {
+  unit_slices unit;
+  uint64_t place;
+  coefficients blocks[QUAD_SLICES];
+} sampled_place;
+
+typedef struct {
+  const layer_encoder *encoder;
+  stream_kind kind;
+  sampled_place *places;
+  uint64_t place_count;
+  uint64_t (*counts)[CODE_COUNT][256]; /* of each task: sums do not depend on who did it */
+} training;
+
+enum { PLACES_A_TASK = 64 };
+
+static void count_places(void *context, uint64_t task) {
+  training *tr = context;
+  uint64_t end =
+      (task + 1) * PLACES_A_TASK < tr->place_count ? (task + 1) * PLACES_A_TASK : tr->place_count;
+  symbol_sink sink = {tr->encoder->encoders, tr->counts[task], NULL};
+  for (uint64_t i = task * PLACES_A_TASK; i < end; i++) {
+    place_state state = {0};
+    put_place(tr->encoder, tr->kind, &tr->places[i].unit, tr->places[i].place, tr->places[i].blocks,
+              &sink, &state);
+  }
+}
+
+/* Makes codes for what was counted; what the sample lacks the rest may have. */
+static void build_codes(layer_encoder *e, stream_kind kind, uint64_t counts[CODE_COUNT][256]) {
+  block_codes *codes = &e->layer.streams[kind].codes;
+  bool predicts[PREDICTOR_COUNT] = {true};
+  if (kind != STREAM_BASE && layer_has(&e->layer, STREAM_BASE)) predicts[PREDICT_BASE] = true;
+  if (kind == STREAM_REST && layer_has(&e->layer, STREAM_KEYS))
+    predicts[PREDICT_KEY] = predicts[PREDICT_KEYS] = predicts[PREDICT_SHIFT] =
+        predicts[PREDICT_PREVIOUS] = true;
+  bool residual = predicts[PREDICT_BASE] || predicts[PREDICT_SHIFT];
+  for (int i = 0; i < PREDICTOR_COUNT * 8; i++) counts[CODE_HEAD][i] += predicts[i / 8];
+  for (int i = -MAX_SHIFT; i <= MAX_SHIFT; i++)
+    counts[CODE_SHIFT][i + 16] += predicts[PREDICT_SHIFT];
+  for (int r = 0; r <= residual; r++)
+    for (int chroma = 0; chroma < 2; chroma++) {
+      for (int size = 0; size < 16; size++) counts[dc_code(r, chroma)][size]++;
+      for (int later = 0; later < 2; later++) {
+        uint64_t *ac = counts[ac_code(r, chroma, later)];
+        ac[SYMBOL_ESCAPE]++;
+        ac[SYMBOL_RUN_16]++;
+        ac[SYMBOL_END] += later || r;
+      }
+    }
+  for (int code = 0; code < CODE_COUNT; code++) {
+    huffman_build(counts[code], &codes->codes[code]);
+    huffman_make_encoder(&codes->codes[code], &e->encoders[code]);
+  }
+  costs_from_codes(codes, &e->costs);
+}
+
+static void choose_run(layer_encoder *e, stream_kind kind, uint64_t counts[CODE_COUNT][256],
+                       uint64_t place_count) {
+  double bits = 0;
+  for (int code = 0; code < CODE_COUNT; code++)
+    for (int s = 0; s < 256; s++) {
+      unsigned magnitude = code >= CODE_DC ? s & 15u : 0;
+      bits += (double)counts[code][s] * (e->encoders[code].bits[s] + magnitude);
+    }
+  unsigned log2 = 0;
+  while (log2 < MAX_RUN_LOG2 && bits / (double)place_count * (1u << log2) < ENTRY_BITS) log2++;
+  layer_set_run(&e->layer, kind, 1u << log2);
+}
+
+static slf_result train(layer_encoder *e, training *tr, slf_error *error) {
+  uint64_t tasks = (tr->place_count + PLACES_A_TASK - 1) / PLACES_A_TASK;
+  tr->counts = malloc(tasks * sizeof *tr->counts);
+  if (!tr->counts) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", e->name);
+  costs_guess(&e->costs);
+  for (int round = 0; round < TRAINING_ROUNDS; round++) {
+    uint64_t sum[CODE_COUNT][256] = {{0}};
+    memset(tr->counts, 0, tasks * sizeof *tr->counts);
+    parallel_for(e->thread_count, tasks, count_places, tr);
+    for (uint64_t i = 0; i < tasks; i++)
+      for (int k = 0; k < CODE_COUNT * 256; k++) (&sum[0][0])[k] += (&tr->counts[i][0][0])[k];
+    build_codes(e, tr->kind, sum);
+    choose_run(e, tr->kind, sum, tr->place_count);
+  }
+  free(tr->counts);
+  return SLF_OK;
+}
+
+/* ---- Streams ------------------------------------------------------------------------------------
+ */
+
+/* Where a place's coefficients come from: slices that were read, or the base's own mean. */
+typedef struct {
+  layer_encoder *encoder;
+  stream_kind kind;
+  const float *mean; /* base only: R G B a texel */
+  unit_slices unit;
+  uint64_t entry_count; /* of the unit */
+  bit_string *entries;
+} unit_task;
+
+static void transform_place(const unit_task *task, uint64_t place, coefficients *blocks) {
+  const layer_encoder *e = task->encoder;
+  if (task->mean) {
+    float rgb[COEFFICIENTS][3];
+    for (uint32_t i = 0; i < COEFFICIENTS; i++)
+      memcpy(rgb[i], task->mean + 3 * texel_index(&e->layer.public, place, i), sizeof rgb[i]);
+    transform_texels(rgb, blocks[0]);
+    return;
+  }
+  for (int i = 0; i < task->unit.slice_count; i++)
+    transform_block(e, e->slices[i], place, blocks[i]);
+}
+
+static void put_entries(void *context, uint64_t index) {
+  const unit_task *task = context;
+  const layer_encoder *e = task->encoder;
+  uint64_t places = layer_place_count(&e->layer);
+  uint32_t run = e->layer.streams[task->kind].run_places;
+  for (uint64_t entry = index * ENTRIES_A_TASK;
+       entry < (index + 1) * ENTRIES_A_TASK && entry < task->entry_count; entry++) {
+    symbol_sink sink = {e->encoders, NULL, &task->entries[entry]};
+    place_state state = {0};
+    for (uint64_t place = entry * run; place < (entry + 1) * run && place < places; place++) {
+      coefficients blocks[QUAD_SLICES];
+      transform_place(task, place, blocks);
+      put_place(e, task->kind, &task->unit, place, blocks, &sink, &state);
+    }
+  }
+}
+
+static slf_result put_unit(unit_task *task, stream_writer *writer, slf_error *error) {
+  layer_encoder *e = task->encoder;
+  task->entry_count = e->layer.streams[task->kind].entries_per_unit;
+  task->entries = calloc(task->entry_count, sizeof *task->entries);
+  if (!task->entries)
+    return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for %" PRIu64 " entries", e->name,
+                    task->entry_count);
+  parallel_for(e->thread_count, (task->entry_count + ENTRIES_A_TASK - 1) / ENTRIES_A_TASK,
+               put_entries, task);
+  for (uint64_t i = 0; i < task->entry_count; i++) {
+    stream_put(writer, &task->entries[i]);
+    bits_free(&task->entries[i]);
+  }
+  free(task->entries);
+  return SLF_OK;
+}
+
+/* Places for the codes, spread over the stream. */
+static slf_result sample_stream(unit_task *task, training *tr, slf_error *error) {
+  layer_encoder *e = task->encoder;
+  const layer_stream *stream = &e->layer.streams[task->kind];
+  uint64_t places = layer_place_count(&e->layer);
+  uint32_t unit_stride = (stream->unit_count + SAMPLED_UNITS - 1) / SAMPLED_UNITS;
+  uint64_t units = (stream->unit_count + unit_stride - 1) / unit_stride;
+  uint64_t stride = (units * places + SAMPLED_PLACES - 1) / SAMPLED_PLACES;
+  tr->places = malloc((units * (places / stride + 1)) * sizeof *tr->places);
+  if (!tr->places) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", e->name);
+  uint32_t index_count = task->mean ? 1 : unit_index_count(&e->layer, task->kind);
+  for (uint32_t index = 0, seen = 0; index < index_count; index++) {
+    if (!task->mean) task->unit = unit_at(&e->layer, task->kind, index);
+    if (!task->unit.slice_count || seen++ % unit_stride != unit_stride / 2) continue;
+    slf_result result = task->mean ? SLF_OK : read_unit(e, &task->unit, error);
+    if (result != SLF_OK) return result;
+    /* A stride that is prime to the row's length would be best; a start that moves does as well. */
+    for (uint64_t place = seen % stride; place < places; place += stride) {
+      sampled_place *sample = &tr->places[tr->place_count++];
+      sample->unit = task->unit;
+      sample->place = place;
+      transform_place(task, place, sample->blocks);
+    }
+  }
+  return SLF_OK;
+}
+
+static slf_result put_stream(layer_encoder *e, stream_kind kind, const float *mean,
+                             encoded_stream *encoded, double progress_begin, slf_error *error) {
+  layer_stream *stream = &e->layer.streams[kind];
+  unit_task task = {.encoder = e, .kind = kind, .mean = mean, .unit = {{0}, {0}, 1}};
+  training tr = {.encoder = e, .kind = kind};
+  stream_writer writer = {0};
+  slf_result result = sample_stream(&task, &tr, error);
+  if (result == SLF_OK) result = train(e, &tr, error);
+  free(tr.places);
+  uint32_t index_count = mean ? 1 : unit_index_count(&e->layer, kind), done = 0;
+  for (uint32_t index = 0; index < index_count && result == SLF_OK; index++) {
+    if (!mean) {
+      task.unit = unit_at(&e->layer, kind, index);
+      if (!task.unit.slice_count) continue;
+      result = read_unit(e, &task.unit, error);
+    }
+    if (result == SLF_OK) result = put_unit(&task, &writer, error);
+    done++;
+    if (e->source->progress && kind == STREAM_REST)
+      e->source->progress(e->source->context,
+                          progress_begin + (1 - progress_begin) * done / stream->unit_count);
+  }
+  stream->payload_bits = writer.payload_bit_count;
+  if (result == SLF_OK) result = stream_finish(&writer, &encoded->bytes, &encoded->nbytes, error);
+  stream_writer_free(&writer);
+  if (result != SLF_OK) return result;
+  /* From here on the stream can be decoded: what follows is predicted from it. */
+  stream->blocks.bytes = encoded->bytes;
+  stream->blocks.nbytes = encoded->nbytes;
+  stream->tables = malloc(sizeof *stream->tables);
+  if (!stream->tables) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", e->name);
+  block_tables_make(&stream->codes, stream->tables);
+  return SLF_OK;
+}
+
+/* ---- The base -----------------------------------------------------------------------------------
+ */
+
+/* The mean over all slices; of the identical scheme, the first slice. */
+static slf_result make_mean(layer_encoder *e, float *mean, slf_error *error) {
+  const slf_layer *p = &e->layer.public;
+  size_t samples = 3 * (size_t)p->u_count * p->v_count;
+  uint32_t count = 0;
+  for (uint32_t t = 0; t < p->t_count; t++)
+    for (uint32_t s = 0; s < p->s_count; s++) {
+      if (!slf_slice_exists(p->s_count, p->t_count, s, t)) continue;
+      if (count && p->angular == SLF_ANGULAR_IDENTICAL) continue;
+      slf_result result = read_slice(e, s, t, e->slices[0], error);
+      if (result != SLF_OK) return result;
+      for (size_t k = 0; k < samples; k++) mean[k] += e->slices[0][k];
+      count++;
+      if (e->source->progress)
+        e->source->progress(e->source->context, 0.1 * count / p->slice_count);
+    }
+  for (size_t k = 0; k < samples; k++) mean[k] /= (float)count;
+  return SLF_OK;
+}
+
+static slf_result put_base(layer_encoder *e, encoded_stream *encoded, slf_error *error) {
+  const slf_layer *p = &e->layer.public;
+  float *mean = calloc(3 * (size_t)p->u_count * p->v_count, sizeof *mean);
+  if (!mean) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for the mean", e->name);
+  slf_result result = make_mean(e, mean, error);
+  if (result == SLF_OK) result = put_stream(e, STREAM_BASE, mean, encoded, 0, error);
+  if (result == SLF_OK) result = layer_make_base(&e->layer, e->name, error);
+  free(mean);
+  return result;
+}
+
+/* ---- The layer ----------------------------------------------------------------------------------
+ */
+
+static slf_result put_header(const layer_state *layer, encoded_layer *encoded, const char *name,
+                             slf_error *error) {
+  uint8_t *b = calloc(1, LAYER_FIXED_NBYTES + STREAM_COUNT * (STREAM_HEADER_NBYTES +
+                                                              CODE_COUNT * HUFFMAN_MAX_NBYTES));
   if (!b) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", name);
   const slf_layer *p = &layer->public;
   b[0] = (uint8_t)p->role;
   b[1] = (uint8_t)p->curve;
   b[2] = (uint8_t)p->angular;
-  b[3] = (uint8_t)__builtin_ctz(layer->run_blocks);
   put_u32(b + 4, p->u_count);
   put_u32(b + 8, p->v_count);
   put_u32(b + 12, p->s_count);
   put_u32(b + 16, p->t_count);
   put_f32(b + 20, p->quality);
-  put_u64(b + 24, payload_bits);
   for (int channel = 0; channel < 3; channel++)
     for (int k = 0; k < COEFFICIENTS; k++)
       put_u16(b + 32 + 2 * (channel * COEFFICIENTS + k), layer->steps[channel][slf_zigzag[k]]);
-  uint64_t at = LAYER_FIXED_NBYTES;
-  for (int i = 0; i < CODE_COUNT; i++) at += huffman_put(&layer->huffman[i], b + at);
-  encoded->header = b;
-  encoded->header_nbytes = at;
+  uint8_t *at = b + LAYER_FIXED_NBYTES;
+  for (int kind = 0; kind < STREAM_COUNT; kind++) {
+    if (!layer_has(layer, kind)) continue;
+    const layer_stream *stream = &layer->streams[kind];
+    at[0] = (uint8_t)layer->gains[kind];
+    at[1] = (uint8_t)__builtin_ctz(stream->run_places);
+    unsigned used = 0;
+    for (int i = 0; i < CODE_COUNT; i++)
+      used |= (unsigned)(stream->codes.codes[i].symbol_count > 0) << i;
+    put_u16(at + 2, used);
+    put_u64(at + 4, stream->payload_bits);
+    at += STREAM_HEADER_NBYTES;
+    for (int i = 0; i < CODE_COUNT; i++)
+      if (used >> i & 1) at += huffman_put(&stream->codes.codes[i], at);
+  }
+  encoded->header.bytes = b;
+  encoded->header.nbytes = (uint64_t)(at - b);
   return SLF_OK;
 }
 
@@ -265,6 +683,19 @@ static slf_result check_options(const slf_layer_options *o, const char *name, sl
   return SLF_OK;
 }
 
+static slf_result encode_streams(layer_encoder *e, encoded_layer *encoded, slf_error *error) {
+  slf_result result = layer_make_units(&e->layer, e->name, error);
+  bool base = layer_has(&e->layer, STREAM_BASE);
+  if (result == SLF_OK && base) result = put_base(e, &encoded->streams[STREAM_BASE], error);
+  if (result == SLF_OK && layer_has(&e->layer, STREAM_KEYS))
+    result = put_stream(e, STREAM_KEYS, NULL, &encoded->streams[STREAM_KEYS], 0, error);
+  if (result == SLF_OK)
+    result =
+        put_stream(e, STREAM_REST, NULL, &encoded->streams[STREAM_REST], base ? 0.15 : 0, error);
+  if (result == SLF_OK) result = put_header(&e->layer, encoded, e->name, error);
+  return result;
+}
+
 slf_result encode_layer(const slf_layer_options *options, const slf_source *source,
                         const char *name, encoded_layer *encoded, slf_error *error) {
   *encoded = (encoded_layer){0};
@@ -272,44 +703,40 @@ slf_result encode_layer(const slf_layer_options *options, const slf_source *sour
   if (result != SLF_OK) return result;
   layer_encoder *e = calloc(1, sizeof *e);
   if (!e) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", name);
-  stream_writer stream = {0};
   e->source = source;
   e->name = name;
-  e->layer.run_blocks = 1;
+  e->thread_count = options->thread_count ? options->thread_count : processor_count();
+  bool single = options->s_count == 1 && options->t_count == 1;
   e->layer.public = (slf_layer){.role = options->role,
                                 .curve = options->curve,
-                                .angular = SLF_ANGULAR_NONE,
+                                .angular = single ? SLF_ANGULAR_NONE : options->angular,
                                 .u_count = options->u_count,
                                 .v_count = options->v_count,
                                 .s_count = options->s_count,
                                 .t_count = options->t_count,
                                 .quality = options->quality};
+  e->layer.gains[STREAM_BASE] = options->angular == SLF_ANGULAR_IDENTICAL ? FINE : 1;
+  e->layer.gains[STREAM_KEYS] = 2;
+  e->layer.gains[STREAM_REST] = FINE;
+  make_steps(e);
   size_t samples = 3 * (size_t)options->u_count * options->v_count;
   bool allocated = (e->rgb = malloc(samples * sizeof *e->rgb)) != NULL;
   for (int i = 0; i < QUAD_SLICES; i++) allocated = (e->slices[i] = malloc(samples)) && allocated;
-  make_steps(&e->layer);
-  for (int channel = 0; channel < 3; channel++)
-    for (int i = 0; i < COEFFICIENTS; i++)
-      e->inverse_steps[channel][i] = (float)STEP_ONE / e->layer.steps[channel][i];
-
-  if (!allocated)
+  if (allocated)
+    result = encode_streams(e, encoded, error);
+  else
     result =
         slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for slices of %zu samples", name, samples);
-  if (result == SLF_OK) result = layer_make_quads(&e->layer, name, error);
-  if (result == SLF_OK) result = make_codes(e, error);
-  if (result == SLF_OK) result = put_quads(e, &stream, error);
-  uint64_t payload_bits = stream.payload_bit_count;
-  if (result == SLF_OK)
-    result = stream_finish(&stream, &encoded->blocks, &encoded->blocks_nbytes, error);
-  if (result == SLF_OK) result = put_header(&e->layer, payload_bits, encoded, name, error);
-  if (result != SLF_OK) {
-    free(encoded->blocks);
-    *encoded = (encoded_layer){0};
-  }
-  stream_writer_free(&stream);
+  if (result != SLF_OK) encoded_layer_free(encoded);
   for (int i = 0; i < QUAD_SLICES; i++) free(e->slices[i]);
   free(e->rgb);
   layer_free(&e->layer);
   free(e);
   return result;
+}
+
+void encoded_layer_free(encoded_layer *encoded) {
+  free(encoded->header.bytes);
+  for (int kind = 0; kind < STREAM_COUNT; kind++) free(encoded->streams[kind].bytes);
+  *encoded = (encoded_layer){0};
 }

@@ -5,12 +5,17 @@
 #include "codec/layer.h"
 
 typedef struct {
-  uint8_t *header, *blocks; /* malloc, the caller's */
-  uint64_t header_nbytes, blocks_nbytes;
+  uint8_t *bytes; /* malloc, the caller's */
+  uint64_t nbytes;
+} encoded_stream;
+
+typedef struct {
+  encoded_stream header, streams[STREAM_COUNT]; /* bytes NULL: the layer has none */
 } encoded_layer;
 
 /* `name` is for messages. On failure *encoded holds nothing. */
 slf_result encode_layer(const slf_layer_options *options, const slf_source *source,
                         const char *name, encoded_layer *encoded, slf_error *error);
+void encoded_layer_free(encoded_layer *encoded);
 
 #endif

@@ -5,6 +5,7 @@
 
 /* As PNG's: the high bit and the two line ends catch a transfer that was not binary. */
 const uint8_t slf_magic[8] = {0x89, 'S', 'L', 'F', '\r', '\n', 0x1a, '\n'};
+const uint32_t slf_stream_chunks[3] = {CHUNK_BASE, CHUNK_KEYS, CHUNK_REST};
 
 const char *slf_version(void) {
   return "1.0.0";

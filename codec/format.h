@@ -27,10 +27,14 @@ enum {
   CHUNK_SCENE = FOURCC('S', 'C', 'E', 'N'),
   CHUNK_MESH = FOURCC('M', 'E', 'S', 'H'),
   CHUNK_LAYER = FOURCC('L', 'A', 'Y', 'R'),
-  CHUNK_BLOCKS = FOURCC('B', 'L', 'K', 'S')
+  /* The streams of a layer, in the order of stream_kind. */
+  CHUNK_BASE = FOURCC('B', 'A', 'S', 'E'),
+  CHUNK_KEYS = FOURCC('K', 'E', 'Y', 'S'),
+  CHUNK_REST = FOURCC('R', 'E', 'S', 'T')
 };
 
 extern const uint8_t slf_magic[8];
+extern const uint32_t slf_stream_chunks[3]; /* types, by stream_kind */
 
 /* One place for each way a chunk's bytes become numbers: little-endian, byte by byte. */
 static inline uint32_t get_u16(const uint8_t *p) {

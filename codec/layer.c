@@ -1,40 +1,71 @@
 #include "codec/layer.h"
 
+#include <stdatomic.h>
 #include <stdlib.h>
 
-const uint8_t slf_zigzag[COEFFICIENTS] = {
-    0,  1,  8,  16, 9,  2,  3,  10, 17, 24, 32, 25, 18, 11, 4,  5,  12, 19, 26, 33, 40, 48,
-    41, 34, 27, 20, 13, 6,  7,  14, 21, 28, 35, 42, 49, 56, 57, 50, 43, 36, 29, 22, 15, 23,
-    30, 37, 44, 51, 58, 59, 52, 45, 38, 31, 39, 46, 53, 60, 61, 54, 47, 55, 62, 63};
+const double slf_aan[8] = {1.0, 1.387039845322148, 1.306562964876377, 1.175875602419359,
+                           1.0, 0.785694958387102, 0.541196100146197, 0.275899379282943};
 
-const double slf_aan[8] = {1.0, 1.387039845, 1.306562965, 1.175875602,
-                           1.0, 0.785694958, 0.541196100, 0.275899379};
+static bool slice_exists(const layer_state *layer, uint32_t s, uint32_t t) {
+  return slf_slice_exists(layer->public.s_count, layer->public.t_count, s, t);
+}
 
-slf_result layer_make_quads(layer_state *layer, const char *name, slf_error *error) {
+/* The slice of a group nearest to its centre (2, 2), the first of equals; NO_KEY without one. */
+static uint32_t choose_key(const layer_state *layer, uint32_t group_s, uint32_t group_t) {
+  uint32_t best = NO_KEY, best_distance = UINT32_MAX;
+  for (uint32_t j = 0; j < GROUP_SIDE; j++)
+    for (uint32_t i = 0; i < GROUP_SIDE; i++) {
+      uint32_t s = group_s * GROUP_SIDE + i, t = group_t * GROUP_SIDE + j;
+      uint32_t distance = (i - 2) * (i - 2) + (j - 2) * (j - 2);
+      if (!slice_exists(layer, s, t) || distance >= best_distance) continue;
+      best = t << 16 | s;
+      best_distance = distance;
+    }
+  return best;
+}
+
+void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_places) {
+  layer_stream *stream = &layer->streams[kind];
+  stream->run_places = run_places;
+  stream->entries_per_unit = (layer_place_count(layer) + run_places - 1) / run_places;
+  stream->blocks.entry_count = stream->entries_per_unit * stream->unit_count;
+}
+
+slf_result layer_make_units(layer_state *layer, const char *name, slf_error *error) {
   slf_layer *p = &layer->public;
   p->block_u_count = (p->u_count + SLF_BLOCK_SIDE - 1) / SLF_BLOCK_SIDE;
   p->block_v_count = (p->v_count + SLF_BLOCK_SIDE - 1) / SLF_BLOCK_SIDE;
   layer->quad_s_count = (p->s_count + 1) / 2;
   layer->quad_t_count = (p->t_count + 1) / 2;
+  layer->group_s_count = (p->s_count + GROUP_SIDE - 1) / GROUP_SIDE;
+  layer->group_t_count = (p->t_count + GROUP_SIDE - 1) / GROUP_SIDE;
   size_t quads = (size_t)layer->quad_s_count * layer->quad_t_count;
+  size_t groups = (size_t)layer->group_s_count * layer->group_t_count;
   layer->quad_ranks = malloc(quads * sizeof *layer->quad_ranks);
   layer->quad_slices = calloc(quads, 1);
-  if (!layer->quad_ranks || !layer->quad_slices)
+  layer->group_ranks = malloc(groups * sizeof *layer->group_ranks);
+  layer->group_keys = malloc(groups * sizeof *layer->group_keys);
+  if (!layer->quad_ranks || !layer->quad_slices || !layer->group_ranks || !layer->group_keys)
     return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for %zu quads", name, quads);
-  for (uint32_t t = 0; t < p->t_count; t++)
-    for (uint32_t s = 0; s < p->s_count; s++)
-      if (slf_slice_exists(p->s_count, p->t_count, s, t)) {
-        layer->quad_slices[t / 2 * layer->quad_s_count + s / 2] |=
-            (uint8_t)(1u << (2 * (t & 1) + (s & 1)));
-        p->slice_count++;
-      }
-  for (size_t i = 0; i < quads; i++) {
-    layer->quad_ranks[i] = layer->quad_count;
-    if (layer->quad_slices[i]) layer->quad_count++;
+  layer->streams[STREAM_BASE].unit_count = 1;
+  for (uint32_t i = 0; i < groups; i++) {
+    layer->group_keys[i] = choose_key(layer, i % layer->group_s_count, i / layer->group_s_count);
+    layer->group_ranks[i] = layer->streams[STREAM_KEYS].unit_count;
+    if (layer->group_keys[i] != NO_KEY) layer->streams[STREAM_KEYS].unit_count++;
   }
-  uint64_t blocks = (uint64_t)p->block_u_count * p->block_v_count;
-  layer->entries_per_quad = (blocks + layer->run_blocks - 1) / layer->run_blocks;
-  layer->stream.entry_count = layer->entries_per_quad * layer->quad_count;
+  for (uint32_t t = 0; t < p->t_count; t++)
+    for (uint32_t s = 0; s < p->s_count; s++) {
+      if (!slice_exists(layer, s, t)) continue;
+      p->slice_count++;
+      if (!layer_is_key(layer, s, t))
+        layer->quad_slices[t / 2 * layer->quad_s_count + s / 2] |=
+            (uint8_t)(1u << quad_place(s, t));
+    }
+  for (size_t i = 0; i < quads; i++) {
+    layer->quad_ranks[i] = layer->streams[STREAM_REST].unit_count;
+    if (layer->quad_slices[i]) layer->streams[STREAM_REST].unit_count++;
+  }
+  for (int kind = 0; kind < STREAM_COUNT; kind++) layer_set_run(layer, kind, 1);
   p->raw_nbytes = (uint64_t)p->u_count * p->v_count * 3 * p->slice_count;
   return SLF_OK;
 }
@@ -42,12 +73,63 @@ slf_result layer_make_quads(layer_state *layer, const char *name, slf_error *err
 void layer_make_scales(layer_state *layer) {
   for (int channel = 0; channel < 3; channel++)
     for (int i = 0; i < COEFFICIENTS; i++)
-      layer->scales[channel][i] = (float)(layer->steps[channel][i] / (double)STEP_ONE *
+      layer->scales[channel][i] = (float)(layer->steps[channel][i] / (double)(STEP_ONE * FINE) *
                                           slf_aan[i / 8] * slf_aan[i % 8] / 8);
+}
+
+slf_result layer_make_base(layer_state *layer, const char *name, slf_error *error) {
+  uint64_t places = layer_place_count(layer);
+  layer->base = calloc(places, sizeof *layer->base);
+  layer->base_states = calloc(places, sizeof *layer->base_states);
+  if (layer->base && layer->base_states) return SLF_OK;
+  return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for a base of %ux%u blocks", name,
+                  layer->public.block_u_count, layer->public.block_v_count);
 }
 
 void layer_free(layer_state *layer) {
   free(layer->quad_ranks);
   free(layer->quad_slices);
-  free(layer->code);
+  free(layer->group_ranks);
+  free(layer->group_keys);
+  free(layer->base);
+  free((void *)layer->base_states);
+  for (int kind = 0; kind < STREAM_COUNT; kind++) free(layer->streams[kind].tables);
+}
+
+int layer_key_taps(const layer_state *layer, uint32_t s, uint32_t t, key_tap taps[4]) {
+  /* Keys stand at 4 i + 2; two more and a group less keeps the division by four non-negative. */
+  int32_t group_s = (int32_t)((s + 2) / GROUP_SIDE) - 1, at_s = (int32_t)((s + 2) % GROUP_SIDE);
+  int32_t group_t = (int32_t)((t + 2) / GROUP_SIDE) - 1, at_t = (int32_t)((t + 2) % GROUP_SIDE);
+  int count = 0, heaviest = 0;
+  int32_t sum = 0;
+  for (int j = 0; j < 2; j++)
+    for (int i = 0; i < 2; i++) {
+      int32_t gs = group_s + i, gt = group_t + j;
+      int32_t weight = (i ? at_s : GROUP_SIDE - at_s) * (j ? at_t : GROUP_SIDE - at_t);
+      if (weight == 0 || gs < 0 || gt < 0 || gs >= (int32_t)layer->group_s_count ||
+          gt >= (int32_t)layer->group_t_count)
+        continue;
+      uint32_t group = (uint32_t)gt * layer->group_s_count + (uint32_t)gs;
+      if (layer->group_keys[group] == NO_KEY) continue;
+      taps[count++] = (key_tap){group, weight};
+      sum += weight;
+    }
+  if (count == 0) {
+    taps[0] = (key_tap){layer_group(layer, s, t), 16};
+    return 1;
+  }
+  int32_t given = 0;
+  for (int i = 0; i < count; i++) {
+    taps[i].weight = taps[i].weight * 16 / sum;
+    given += taps[i].weight;
+    if (taps[i].weight > taps[heaviest].weight) heaviest = i;
+  }
+  taps[heaviest].weight += 16 - given;
+  return count;
+}
+
+uint32_t layer_chain_start(const layer_state *layer, uint32_t s, uint32_t t) {
+  uint32_t start = s / MOTION_CHAIN * MOTION_CHAIN;
+  while (start < s && !slice_exists(layer, start, t)) start++;
+  return start;
 }

@@ -1,89 +1,105 @@
-/* layer.h - a layer as the decoder holds it, and the kernel that decodes its C-Blocks. */
+/* layer.h - a layer as the decoder holds it: FORMAT.md, "Layers" and "C-Blocks". */
 #ifndef SLF_LAYER_H
 #define SLF_LAYER_H
 
-#include "codec/huffman.h"
+#include "codec/block_code.h"
 #include "codec/stream.h"
 
 enum {
-  COEFFICIENTS = 64,
   STEP_ONE = 16, /* steps are stored in sixteenths */
-  MAX_LEVEL = 32767,
-  LEVELS_STRIDE = 80, /* a channel's 64 levels and room for what a damaged C-Block writes beyond */
-  FAST_AC_BITS = 11,
-  FAST_DC_BITS = 9,
-  /* AC symbols are run << 4 | size as in JPEG, and with size 0: */
-  SYMBOL_END = 0x00,    /* no level but 0 follows in the channel */
-  SYMBOL_ESCAPE = 0x10, /* 6 bits of run, 16 bits of level */
-  SYMBOL_RUN_16 = 0xf0, /* sixteen zeros */
-  LAYER_FIXED_NBYTES = 32 + 3 * 64 * 2,
+  FINE = 4,      /* a level of the rest is so many fine levels; base and keys may be finer */
+  LAYER_FIXED_NBYTES = 32 + 3 * COEFFICIENTS * 2,
+  STREAM_HEADER_NBYTES = 12,
   MAX_RUN_LOG2 = 6,
+  GROUP_SIDE = 4, /* directions along a side of the group that shares a key */
   QUAD_SLICES = 4,
-  CODE_DC_LUMA = 0,
-  CODE_DC_CHROMA,
-  CODE_AC_LUMA,
-  CODE_AC_CHROMA,
-  CODE_COUNT
+  MOTION_CHAIN = 8, /* every eighth slice along S is a key of the motion scheme */
+  MAX_SHIFT = 7
 };
 
-/* Natural (row-major) place of the k-th coefficient of the zigzag scan. */
-extern const uint8_t slf_zigzag[COEFFICIENTS];
+/* A layer's C-Blocks are in up to three streams, each useful with those before it. A stream's
+ * blocks belong to units: the base is one unit, the keys one for each group of 4x4 directions, the
+ * rest one for each quad of 2x2 directions. */
+typedef enum { STREAM_BASE, STREAM_KEYS, STREAM_REST, STREAM_COUNT } stream_kind;
 
-/* AAN's factors: cos(k pi / 16) sqrt(2), 1 for k = 0 (Arai, Agui, Nakajima 1988). */
-extern const double slf_aan[8];
-
-/* An AC table's entry holds as many whole coefficients as FAST_AC_BITS show, two at most:
- * bits 0-7 how many bits they take, 0 if none is whole; 8-15 and 16-23 how far each lies behind the
- * one before (0: there is no second; 64: no first, the channel ends); 24 the channel ends here;
- * 32-47 and 48-63 the levels. A DC table's entry: bits 0-7 bits taken, 32-47 the level. */
 typedef struct {
-  uint64_t ac[2][1 << FAST_AC_BITS];
-  uint64_t dc[2][1 << FAST_DC_BITS];
-  huffman_decoder decoders[CODE_COUNT];
-} block_code;
+  block_stream blocks;
+  uint32_t unit_count;
+  uint32_t run_places; /* block places that an entry spans, a power of two */
+  uint64_t entries_per_unit;
+  uint64_t payload_bits;
+  block_codes codes;
+  block_tables *tables; /* NULL: the layer has no such stream */
+} layer_stream;
 
-void block_code_make(const huffman_code codes[CODE_COUNT], block_code *code);
+/* The slices of a quad in the order of their C-Blocks, a round trip: each is next to the one
+ * before. */
+static inline unsigned quad_place(uint32_t s, uint32_t t) {
+  return (t & 1) ? 3 - (s & 1) : (s & 1);
+}
 
 typedef struct {
   slf_layer public;
   uint16_t steps[3][COEFFICIENTS]; /* natural order */
-  float scales[3][COEFFICIENTS];   /* steps times AAN's factors: what the inverse transform takes */
-  huffman_code huffman[CODE_COUNT];
-  block_code *code;
-  uint32_t quad_s_count, quad_t_count, quad_count;
-  uint32_t *quad_ranks; /* [t][s]: how many quads with a slice come before */
-  uint8_t *quad_slices; /* [t][s]: bit 2 (t & 1) + (s & 1) set where the slice exists */
-  uint32_t run_blocks;  /* block places an entry spans, a power of two */
-  uint64_t entries_per_quad;
-  block_stream stream;
+  float scales[3][COEFFICIENTS];   /* of a fine level: steps and AAN's factors */
+  uint32_t gains[STREAM_COUNT];    /* fine levels in a level of each stream */
+  uint32_t quad_s_count, quad_t_count;
+  uint32_t *quad_ranks; /* [t][s]: units before, and */
+  uint8_t *quad_slices; /* [t][s]: bit quad_place(s, t) set where the rest has the slice */
+  uint32_t group_s_count, group_t_count;
+  uint32_t *group_ranks; /* [t][s]: units before */
+  uint32_t *group_keys; /* [t][s]: t << 16 | s of the key slice, NO_KEY if the group has no slice */
+  layer_stream streams[STREAM_COUNT];
+  /* The base, decoded when first asked for: 0 absent, 1 being written, 2 there. */
+  int16_t (*base)[3][COEFFICIENTS];
+  _Atomic uint8_t *base_states;
 } layer_state;
 
-/* Fills what follows from public's dimensions: block counts, slices, quads. */
-slf_result layer_make_quads(layer_state *layer, const char *name, slf_error *error);
-void layer_make_scales(layer_state *layer); /* from steps */
-void layer_free(layer_state *layer);
+#define NO_KEY UINT32_MAX
 
-/* Where a place (quad, block) is: the stream's entry and the place in it. */
-static inline uint64_t layer_entry(const layer_state *layer, uint32_t quad_rank, uint64_t block) {
-  return quad_rank * layer->entries_per_quad + block / layer->run_blocks;
+/* AAN's factors: cos(k pi / 16) sqrt(2), 1 for k = 0 (Arai, Agui, Nakajima 1988). */
+extern const double slf_aan[8];
+
+static inline uint64_t layer_place_count(const layer_state *layer) {
+  return (uint64_t)layer->public.block_u_count * layer->public.block_v_count;
 }
 
-/* A position in a stream. */
+static inline bool layer_has(const layer_state *layer, stream_kind kind) {
+  switch (layer->public.angular) {
+  case SLF_ANGULAR_IDENTICAL:
+    return kind != STREAM_KEYS;
+  case SLF_ANGULAR_LAYERED:
+    return true;
+  default:
+    return kind == STREAM_REST;
+  }
+}
+
+/* Fills what follows from public's dimensions and angular: block counts, slices, units. */
+slf_result layer_make_units(layer_state *layer, const char *name, slf_error *error);
+void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_places);
+void layer_make_scales(layer_state *layer); /* from steps */
+slf_result layer_make_base(layer_state *layer, const char *name, slf_error *error);
+void layer_free(layer_state *layer);
+
+/* The keys around a slice and their weights, which sum to 16: bilinear in the groups' centres, the
+ * groups without a slice left out. Returns how many (1 .. 4). */
 typedef struct {
-  const uint8_t *bytes;
-  uint64_t bit, end_bit;
-} bit_cursor;
+  uint32_t group;
+  int32_t weight;
+} key_tap;
+int layer_key_taps(const layer_state *layer, uint32_t s, uint32_t t, key_tap taps[4]);
 
-/* Reads one C-Block's levels (natural order, zeros elsewhere); false if its bits are no C-Block. */
-bool kernel_parse(const block_code *code, bit_cursor *cursor, int16_t levels[3][LEVELS_STRIDE]);
+static inline uint32_t layer_group(const layer_state *layer, uint32_t s, uint32_t t) {
+  return t / GROUP_SIDE * layer->group_s_count + s / GROUP_SIDE;
+}
 
-/* Levels to an 8x8 block of R G B X. */
-void kernel_reconstruct(const layer_state *layer, int16_t levels[3][LEVELS_STRIDE],
-                        uint8_t *u_block);
+static inline bool layer_is_key(const layer_state *layer, uint32_t s, uint32_t t) {
+  return layer->public.angular == SLF_ANGULAR_LAYERED &&
+         layer->group_keys[layer_group(layer, s, t)] == (t << 16 | s);
+}
 
-/* Inverse and forward 8x8 transform of one channel. Inverse: in natural order, already times the
- * AAN factors / 8. Forward: plain orthonormal coefficients. */
-void inverse_dct(float block[COEFFICIENTS]);
-void forward_dct(const float texels[COEFFICIENTS], float coefficients[COEFFICIENTS]);
+/* First slice of the motion chain that slice s of row t belongs to. */
+uint32_t layer_chain_start(const layer_state *layer, uint32_t s, uint32_t t);
 
 #endif

@@ -85,7 +85,8 @@ static slf_result find_chunk(const slf_file *file, uint32_t type, uint32_t surfa
     const chunk *c = &file->chunks[i];
     if (c->type != type || c->surface != surface || c->layer != layer) continue;
     *found = c;
-    return type == CHUNK_BLOCKS ? SLF_OK : check_crc(file, c, error);
+    bool blocks = type == CHUNK_BASE || type == CHUNK_KEYS || type == CHUNK_REST;
+    return blocks ? SLF_OK : check_crc(file, c, error);
   }
   return slf_fail(error, SLF_ERROR_FORMAT, "%s: no chunk %s for surface %u, layer %u", file->name,
                   type_name(type, name), surface, layer);
@@ -215,17 +216,21 @@ static slf_result read_mesh(slf_file *file, uint32_t index, slf_error *error) {
 /* ---- Layers -------------------------------------------------------------------------------------
  */
 
-static slf_result read_layer(slf_file *file, uint32_t surface_index, uint32_t layer_index,
-                             slf_error *error) {
-  layer_state *layer = &file->surfaces[surface_index].layers[layer_index];
-  slf_layer *p = &layer->public;
-  char name[sizeof file->name + 64];
-  snprintf(name, sizeof name, "%s: surface %u, layer %u", file->name, surface_index, layer_index);
-  const chunk *c;
-  slf_result result = find_chunk(file, CHUNK_LAYER, surface_index, layer_index, &c, error);
-  if (result != SLF_OK) return result;
-  const uint8_t *b = file->bytes + c->offset;
-  if (c->nbytes < LAYER_FIXED_NBYTES) return bad_size(file, c, LAYER_FIXED_NBYTES, error);
+/* A layer being read: its chunk's bytes are taken from the front. */
+typedef struct {
+  slf_file *file;
+  uint32_t surface, layer;
+  layer_state *state;
+  const uint8_t *at, *end;
+  char name[sizeof((slf_file *)0)->name + 64];
+} layer_reader;
+
+static slf_result read_fixed(layer_reader *r, slf_error *error) {
+  slf_layer *p = &r->state->public;
+  const uint8_t *b = r->at;
+  if (r->end - b < LAYER_FIXED_NBYTES)
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: header has %td bytes, expected %d", r->name,
+                    r->end - b, LAYER_FIXED_NBYTES);
   p->role = b[0];
   p->curve = b[1];
   p->angular = b[2];
@@ -234,48 +239,93 @@ static slf_result read_layer(slf_file *file, uint32_t surface_index, uint32_t la
   p->s_count = get_u32(b + 12);
   p->t_count = get_u32(b + 16);
   p->quality = get_f32(b + 20);
-  uint64_t payload_bits = get_u64(b + 24);
-  if (b[0] > SLF_ROLE_REFLECTED || b[1] != SLF_CURVE_SRGB || b[2] != SLF_ANGULAR_NONE ||
-      b[3] > MAX_RUN_LOG2 || !isfinite(p->quality))
-    return slf_fail(error, SLF_ERROR_FORMAT, "%s: role %u, curve %u, angular %u, run %u", name,
-                    b[0], b[1], b[2], b[3]);
+  if (b[0] > SLF_ROLE_REFLECTED || b[1] > SLF_CURVE_DWA || b[2] > SLF_ANGULAR_LAYERED || b[3] ||
+      !isfinite(p->quality))
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: role %u, curve %u, angular %u", r->name, b[0],
+                    b[1], b[2]);
   if (p->u_count - 1 >= SLF_MAX_TEXELS || p->v_count - 1 >= SLF_MAX_TEXELS ||
       p->s_count - 1 >= SLF_MAX_DIRECTIONS || p->t_count - 1 >= SLF_MAX_DIRECTIONS)
-    return slf_fail(error, SLF_ERROR_FORMAT, "%s: %ux%u texels, %ux%u directions", name, p->u_count,
-                    p->v_count, p->s_count, p->t_count);
-  layer->run_blocks = 1u << b[3];
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: %ux%u texels, %ux%u directions", r->name,
+                    p->u_count, p->v_count, p->s_count, p->t_count);
   for (int channel = 0; channel < 3; channel++)
     for (int k = 0; k < COEFFICIENTS; k++) {
       uint32_t step = get_u16(b + 32 + 2 * (channel * COEFFICIENTS + k));
-      if (step == 0) return slf_fail(error, SLF_ERROR_FORMAT, "%s: a step of 0", name);
-      layer->steps[channel][slf_zigzag[k]] = (uint16_t)step;
+      if (step < STEP_ONE)
+        return slf_fail(error, SLF_ERROR_FORMAT, "%s: a step of %u sixteenths", r->name, step);
+      r->state->steps[channel][slf_zigzag[k]] = (uint16_t)step;
     }
-  layer_make_scales(layer);
-  uint64_t at = LAYER_FIXED_NBYTES;
-  for (int i = 0; i < CODE_COUNT; i++) {
-    size_t used = huffman_get(b + at, c->nbytes - at, &layer->huffman[i]);
-    if (used == 0) return slf_fail(error, SLF_ERROR_FORMAT, "%s: bad Huffman table %d", name, i);
-    at += used;
-  }
-  if (at != c->nbytes) return bad_size(file, c, at, error);
-  layer->code = malloc(sizeof *layer->code);
-  if (!layer->code) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for tables", name);
-  block_code_make(layer->huffman, layer->code);
-  result = layer_make_quads(layer, name, error);
-  if (result != SLF_OK) return result;
-
-  const chunk *blocks;
-  result = find_chunk(file, CHUNK_BLOCKS, surface_index, layer_index, &blocks, error);
-  if (result != SLF_OK) return result;
-  uint64_t least = stream_segment_count(layer->stream.entry_count) * (DIRECTORY_ENTRY_NBYTES + 2) +
-                   payload_bits / 8 + STREAM_PAD_NBYTES;
-  if (payload_bits / 8 > blocks->nbytes || blocks->nbytes < least)
-    return bad_size(file, blocks, least, error);
-  layer->stream.bytes = file->bytes + blocks->offset;
-  layer->stream.nbytes = blocks->nbytes;
-  p->payload_nbytes = payload_bits / 8;
-  p->index_nbytes = blocks->nbytes - p->payload_nbytes + c->nbytes;
+  layer_make_scales(r->state);
+  r->at += LAYER_FIXED_NBYTES;
   return SLF_OK;
+}
+
+static slf_result read_codes(layer_reader *r, layer_stream *stream, unsigned used,
+                             slf_error *error) {
+  for (int i = 0; i < CODE_COUNT; i++) {
+    if (!(used >> i & 1)) continue;
+    size_t taken = huffman_get(r->at, (size_t)(r->end - r->at), &stream->codes.codes[i]);
+    if (taken == 0)
+      return slf_fail(error, SLF_ERROR_FORMAT, "%s: Huffman code %d is none", r->name, i);
+    r->at += taken;
+  }
+  stream->tables = malloc(sizeof *stream->tables);
+  if (!stream->tables)
+    return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for tables", r->name);
+  block_tables_make(&stream->codes, stream->tables);
+  return SLF_OK;
+}
+
+static slf_result read_stream(layer_reader *r, stream_kind kind, slf_error *error) {
+  layer_stream *stream = &r->state->streams[kind];
+  if (r->end - r->at < STREAM_HEADER_NBYTES)
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: stream %d has no header", r->name, kind);
+  const uint8_t *b = r->at;
+  unsigned gain = b[0], run_log2 = b[1], used = get_u16(b + 2);
+  stream->payload_bits = get_u64(b + 4);
+  if (gain < 1 || gain > FINE || run_log2 > MAX_RUN_LOG2 || used >> CODE_COUNT)
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: stream %d: gain %u, run %u, codes %#x", r->name,
+                    kind, gain, run_log2, used);
+  r->at += STREAM_HEADER_NBYTES;
+  r->state->gains[kind] = gain;
+  layer_set_run(r->state, kind, 1u << run_log2);
+  slf_result result = read_codes(r, stream, used, error);
+  const chunk *blocks;
+  if (result == SLF_OK)
+    result = find_chunk(r->file, slf_stream_chunks[kind], r->surface, r->layer, &blocks, error);
+  if (result != SLF_OK) return result;
+  uint64_t least = stream_segment_count(stream->blocks.entry_count) * (DIRECTORY_ENTRY_NBYTES + 2) +
+                   STREAM_PAD_NBYTES;
+  if (stream->payload_bits / 8 > blocks->nbytes || blocks->nbytes < least)
+    return bad_size(r->file, blocks, least, error);
+  stream->blocks.bytes = r->file->bytes + blocks->offset;
+  stream->blocks.nbytes = blocks->nbytes;
+  r->state->public.payload_nbytes += stream->payload_bits / 8;
+  r->state->public.index_nbytes += blocks->nbytes - stream->payload_bits / 8;
+  return SLF_OK;
+}
+
+static slf_result read_layer(slf_file *file, uint32_t surface_index, uint32_t layer_index,
+                             slf_error *error) {
+  layer_reader r = {
+      file, surface_index, layer_index, &file->surfaces[surface_index].layers[layer_index],
+      NULL, NULL,          ""};
+  snprintf(r.name, sizeof r.name, "%s: surface %u, layer %u", file->name, surface_index,
+           layer_index);
+  const chunk *c;
+  slf_result result = find_chunk(file, CHUNK_LAYER, surface_index, layer_index, &c, error);
+  if (result != SLF_OK) return result;
+  r.at = file->bytes + c->offset;
+  r.end = r.at + c->nbytes;
+  result = read_fixed(&r, error);
+  if (result == SLF_OK) result = layer_make_units(r.state, r.name, error);
+  for (int kind = 0; kind < STREAM_COUNT && result == SLF_OK; kind++)
+    if (layer_has(r.state, kind)) result = read_stream(&r, kind, error);
+  if (result == SLF_OK && layer_has(r.state, STREAM_BASE))
+    result = layer_make_base(r.state, r.name, error);
+  if (result == SLF_OK && r.at != r.end)
+    result = slf_fail(error, SLF_ERROR_FORMAT, "%s: %td bytes too many", r.name, r.end - r.at);
+  r.state->public.index_nbytes += c->nbytes;
+  return result;
 }
 
 static slf_result read_layers(slf_file *file, uint32_t index, slf_error *error) {
@@ -415,31 +465,49 @@ uint64_t slf_file_nbytes(const slf_file *file) {
 /* ---- Verify -------------------------------------------------------------------------------------
  */
 
+/* Every entry of a unit parses to its last block. */
+static slf_result verify_unit(const layer_state *layer, stream_kind kind, uint32_t unit,
+                              uint32_t slice_count, const char *name, slf_error *error) {
+  const layer_stream *stream = &layer->streams[kind];
+  bit_cursor cursor = {stream->blocks.bytes, 0, (stream->blocks.nbytes - STREAM_PAD_NBYTES) * 8};
+  entry_state state;
+  uint32_t number = 0;
+  for (uint64_t place = 0; place < layer_place_count(layer); place++) {
+    if (place % stream->run_places == 0) {
+      cursor.bit = stream_find(&stream->blocks,
+                               unit * stream->entries_per_unit + place / stream->run_places);
+      entry_begin(&state);
+      number = 0;
+    }
+    for (uint32_t i = 0; i < slice_count; i++)
+      if (!block_parse(stream->tables, &cursor, number++, i == 0, &state))
+        return slf_fail(error, SLF_ERROR_FORMAT,
+                        "%s: stream %d: block %" PRIu64 " of unit %u does not parse", name, kind,
+                        place, unit);
+  }
+  return SLF_OK;
+}
+
 static slf_result verify_layer(const slf_file *file, uint32_t surface_index, uint32_t layer_index,
                                slf_error *error) {
   const layer_state *layer = &file->surfaces[surface_index].layers[layer_index];
-  const block_stream *stream = &layer->stream;
   char name[sizeof file->name + 64];
   snprintf(name, sizeof name, "%s: surface %u, layer %u", file->name, surface_index, layer_index);
-  slf_result result = stream_check(stream, name, error);
-  if (result != SLF_OK) return result;
-  uint64_t blocks = (uint64_t)layer->public.block_u_count * layer->public.block_v_count;
-  for (uint32_t q = 0; q < layer->quad_s_count * layer->quad_t_count; q++) {
-    int slices = __builtin_popcount(layer->quad_slices[q]);
-    bit_cursor cursor = {stream->bytes, 0, (stream->nbytes - STREAM_PAD_NBYTES) * 8};
-    for (uint64_t block = 0; slices && block < blocks; block++) {
-      if (block % layer->run_blocks == 0)
-        cursor.bit = stream_find(stream, layer_entry(layer, layer->quad_ranks[q], block));
-      for (int i = 0; i < slices; i++) {
-        int16_t levels[3][LEVELS_STRIDE];
-        if (!kernel_parse(layer->code, &cursor, levels) || cursor.bit > cursor.end_bit)
-          return slf_fail(error, SLF_ERROR_FORMAT,
-                          "%s: block %" PRIu64 " of quad (%u, %u) does not parse", name, block,
-                          q % layer->quad_s_count, q / layer->quad_s_count);
-      }
-    }
-  }
-  return SLF_OK;
+  slf_result result = SLF_OK;
+  for (int kind = 0; kind < STREAM_COUNT && result == SLF_OK; kind++)
+    if (layer_has(layer, kind)) result = stream_check(&layer->streams[kind].blocks, name, error);
+  if (result == SLF_OK && layer_has(layer, STREAM_BASE))
+    result = verify_unit(layer, STREAM_BASE, 0, 1, name, error);
+  for (uint32_t i = 0; layer_has(layer, STREAM_KEYS) && result == SLF_OK &&
+                       i < layer->group_s_count * layer->group_t_count;
+       i++)
+    if (layer->group_keys[i] != NO_KEY)
+      result = verify_unit(layer, STREAM_KEYS, layer->group_ranks[i], 1, name, error);
+  for (uint32_t i = 0; result == SLF_OK && i < layer->quad_s_count * layer->quad_t_count; i++)
+    if (layer->quad_slices[i])
+      result = verify_unit(layer, STREAM_REST, layer->quad_ranks[i],
+                           (uint32_t)__builtin_popcount(layer->quad_slices[i]), name, error);
+  return result;
 }
 
 slf_result slf_verify(const slf_file *file, slf_error *error) {

@@ -81,18 +81,16 @@ static slf_result no_memory(const slf_writer *writer, slf_error *error) {
   return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", writer->path);
 }
 
-/* Takes bytes (malloc) over, on failure too. */
-static slf_result add_chunk(slf_writer *writer, uint32_t type, uint32_t layer, uint8_t *bytes,
-                            uint64_t nbytes, slf_error *error) {
-  written_chunk *chunks =
-      bytes ? realloc(writer->chunks, (writer->chunk_count + 1) * sizeof *chunks) : NULL;
-  if (!chunks) {
-    free(bytes);
-    return no_memory(writer, error);
-  }
+/* Takes the bytes over if it succeeds. */
+static slf_result add_chunk(slf_writer *writer, uint32_t type, uint32_t layer,
+                            encoded_stream *content, slf_error *error) {
+  written_chunk *chunks = realloc(writer->chunks, (writer->chunk_count + 1) * sizeof *chunks);
+  if (!chunks) return no_memory(writer, error);
   writer->chunks = chunks;
   uint32_t surface = writer->surface_count ? writer->surface_count - 1 : 0;
-  chunks[writer->chunk_count++] = (written_chunk){type, surface, layer, bytes, nbytes};
+  chunks[writer->chunk_count++] =
+      (written_chunk){type, surface, layer, content->bytes, content->nbytes};
+  content->bytes = NULL;
   return SLF_OK;
 }
 
@@ -184,8 +182,12 @@ slf_result slf_writer_add_surface(slf_writer *writer, const slf_surface *surface
   }
   for (uint32_t i = 0; i < 3 * mesh->triangle_count; i++, p += 4) put_u32(p, mesh->triangles[i]);
   writer->surface_count++;
-  result = add_chunk(writer, CHUNK_MESH, 0, bytes, nbytes, error);
-  if (result != SLF_OK) writer->surface_count--;
+  encoded_stream content = {bytes, nbytes};
+  result = add_chunk(writer, CHUNK_MESH, 0, &content, error);
+  if (result != SLF_OK) {
+    writer->surface_count--;
+    free(bytes);
+  }
   return result;
 }
 
@@ -201,15 +203,16 @@ slf_result slf_writer_add_layer(slf_writer *writer, const slf_layer_options *opt
   encoded_layer encoded;
   slf_result result = encode_layer(options, source, name, &encoded, error);
   if (result != SLF_OK) return result;
-  result = add_chunk(writer, CHUNK_LAYER, surface->layer_count, encoded.header,
-                     encoded.header_nbytes, error);
-  if (result != SLF_OK) {
-    free(encoded.blocks);
-    return result;
-  }
-  result = add_chunk(writer, CHUNK_BLOCKS, surface->layer_count, encoded.blocks,
-                     encoded.blocks_nbytes, error);
-  if (result == SLF_OK) surface->layer_count++;
+  uint32_t layer = surface->layer_count, chunk_count = writer->chunk_count;
+  result = add_chunk(writer, CHUNK_LAYER, layer, &encoded.header, error);
+  for (int kind = 0; kind < STREAM_COUNT && result == SLF_OK; kind++)
+    if (encoded.streams[kind].bytes)
+      result = add_chunk(writer, slf_stream_chunks[kind], layer, &encoded.streams[kind], error);
+  if (result == SLF_OK)
+    surface->layer_count++;
+  else
+    while (writer->chunk_count > chunk_count) free(writer->chunks[--writer->chunk_count].bytes);
+  encoded_layer_free(&encoded);
   return result;
 }
 
@@ -242,7 +245,9 @@ static slf_result add_scene(slf_writer *writer, slf_error *error) {
   }
   uint32_t surface_count = writer->surface_count;
   writer->surface_count = 0; /* the chunk belongs to none */
-  slf_result result = add_chunk(writer, CHUNK_SCENE, 0, bytes, nbytes, error);
+  encoded_stream content = {bytes, nbytes};
+  slf_result result = add_chunk(writer, CHUNK_SCENE, 0, &content, error);
+  if (result != SLF_OK) free(bytes);
   writer->surface_count = surface_count;
   return result;
 }
@@ -258,9 +263,11 @@ static bool write_bytes(int descriptor, const uint8_t *bytes, uint64_t nbytes) {
   return true;
 }
 
-/* What is needed first stands first: the scene, the meshes, the layers' tables, then the blocks. */
+/* What is needed first stands first: the scene, the meshes, the layers' tables, then the base, the
+ * keys and the rest of all. */
 static int chunk_order(const void *a, const void *b) {
-  static const uint32_t order[] = {CHUNK_SCENE, CHUNK_MESH, CHUNK_LAYER, CHUNK_BLOCKS};
+  static const uint32_t order[] = {CHUNK_SCENE, CHUNK_MESH, CHUNK_LAYER,
+                                   CHUNK_BASE,  CHUNK_KEYS, CHUNK_REST};
   const written_chunk *x = a, *y = b;
   int place[2] = {0, 0};
   while (order[place[0]] != x->type) place[0]++;

@@ -1,0 +1,94 @@
+/* block_code.h - the symbols of a C-Block: FORMAT.md, "C-Blocks". */
+#ifndef SLF_BLOCK_CODE_H
+#define SLF_BLOCK_CODE_H
+
+#include "codec/huffman.h"
+
+enum {
+  COEFFICIENTS = 64,
+  MAX_LEVEL = 32767,
+  LEVELS_STRIDE = 80, /* a channel's 64 levels and room for what a damaged C-Block writes beyond */
+  FAST_BITS = 10,
+  /* AC symbols are run << 4 | size as in JPEG, and with size 0: */
+  SYMBOL_END = 0x00,    /* no level but 0 follows in the channel */
+  SYMBOL_ESCAPE = 0x10, /* 6 bits of run, 16 bits of level */
+  SYMBOL_RUN_16 = 0xf0  /* sixteen zeros */
+};
+
+/* What a C-Block's levels are added to. A head symbol is predictor << 3 | one bit for each channel
+ * with levels: for INTRA AC levels, for the others any. */
+typedef enum {
+  PREDICT_INTRA, /* nothing; DC from the last INTRA block of the entry */
+  PREDICT_BASE,  /* the base's block */
+  PREDICT_KEY,   /* the group's key */
+  PREDICT_KEYS,  /* the keys around, mixed */
+  PREDICT_SHIFT, /* base + shifted (key - base); in the motion scheme the shifted left neighbour */
+  PREDICT_PREVIOUS, /* the block before of the same place */
+  PREDICTOR_COUNT
+} predictor;
+
+/* The Huffman codes of a stream. INTRA blocks have their own codes for levels; chroma too; and so
+ * has the first AC level of a channel, for which the end is no choice, or a rare one. */
+enum {
+  CODE_HEAD,
+  CODE_SHIFT,
+  CODE_DC,     /* + 2 residual + chroma */
+  CODE_AC = 6, /* + 4 residual + 2 chroma + later */
+  CODE_COUNT = 14
+};
+
+static inline int dc_code(int residual, int chroma) {
+  return CODE_DC + 2 * residual + chroma;
+}
+static inline int ac_code(int residual, int chroma, int later) {
+  return CODE_AC + 4 * residual + 2 * chroma + later;
+}
+
+typedef struct {
+  huffman_code codes[CODE_COUNT]; /* symbol_count 0: not used */
+} block_codes;
+
+/* Natural (row-major) place of the k-th coefficient of the zigzag scan. */
+extern const uint8_t slf_zigzag[COEFFICIENTS];
+
+/* An AC entry holds as many whole levels as FAST_BITS show, two at most: bits 0-7 how many bits
+ * they take, 0 if none is whole; 8-15 and 16-23 how far each lies behind the one before (0: there
+ * is no second; 64: no first, the channel ends); 24 the channel ends here; 32-47 and 48-63 the
+ * levels. A DC entry: bits 0-7 bits taken, 32-47 the level. */
+typedef struct {
+  uint64_t ac[8][1 << FAST_BITS];
+  uint64_t dc[4][1 << FAST_BITS];
+  uint16_t head[1 << FAST_BITS]; /* bits 0-7 bits taken, 0 if longer; 8-15 the symbol */
+  huffman_decoder decoders[CODE_COUNT];
+} block_tables;
+
+void block_tables_make(const block_codes *codes, block_tables *tables);
+
+/* A position in a stream. */
+typedef struct {
+  const uint8_t *bytes;
+  uint64_t bit, end_bit;
+} bit_cursor;
+
+/* What the C-Blocks of an entry add up to so far. */
+typedef struct {
+  int16_t levels[3][LEVELS_STRIDE]; /* natural order, in the stream's levels */
+  int16_t intra_dc[3];
+  predictor predictor; /* of the last block that was not PREVIOUS */
+  int shift_u, shift_v;
+  uint32_t anchor; /* that block's number in the entry */
+} entry_state;
+
+static inline void entry_begin(entry_state *state) {
+  state->intra_dc[0] = state->intra_dc[1] = state->intra_dc[2] = 0;
+  state->predictor = PREDICT_INTRA;
+  state->shift_u = state->shift_v = 0;
+  state->anchor = 0;
+}
+
+/* Reads the entry's next C-Block, its `number`-th from 0; `first` if it is its place's first, which
+ * nothing precedes. False if its bits are no C-Block. */
+bool block_parse(const block_tables *tables, bit_cursor *cursor, uint32_t number, bool first,
+                 entry_state *state);
+
+#endif
