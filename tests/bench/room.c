@@ -2,7 +2,9 @@
  * ball, all in closed form. For speed, which needs light fields of any size at once, and for tests
  * of the window, which need some file.
  *
- *   room TEXELS DIRECTIONS QUALITY OUT.slf */
+ *   room TEXELS DIRECTIONS SAMPLES QUALITY OUT.slf
+ *
+ * SAMPLES squared per texel, spread over its (U,V) and its (S,T) cell. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -126,7 +128,7 @@ static frame wall_at(double u, double v) {
 
 typedef struct {
   frame (*at)(double u, double v);
-  uint32_t texels, directions;
+  uint32_t texels, directions, samples;
 } shape;
 
 static slf_result read_slice(void *context, uint32_t s_index, uint32_t t_index, float *rgb,
@@ -135,23 +137,23 @@ static slf_result read_slice(void *context, uint32_t s_index, uint32_t t_index, 
   const shape *s = context;
   for (uint32_t y = 0; y < s->texels; y++)
     for (uint32_t x = 0; x < s->texels; x++, rgb += 3) {
-      enum { SIDE = 2 }; /* samples along a side of the (S,T) cell */
+      const uint32_t side = s->samples;
       rgb[0] = rgb[1] = rgb[2] = 0;
-      for (int k = 0; k < SIDE * SIDE; k++) {
-        frame f = s->at((x + (k % SIDE + 0.5) / SIDE) / s->texels,
-                        (y + (k / SIDE + 0.5) / SIDE) / s->texels);
+      for (uint32_t k = 0; k < side * side; k++) {
+        frame f = s->at((x + (k % side + 0.5) / side) / s->texels,
+                        (y + (k / side + 0.5) / side) / s->texels);
         float one[3];
         if (s->directions == 1) {
           wall_radiance(add(f.point, f.normal, 1e-6), wall_now, one);
         } else {
           double d[3];
-          slf_direction((s_index + (k % SIDE + 0.5) / SIDE) / s->directions,
-                        (t_index + (k / SIDE + 0.5) / SIDE) / s->directions, 0.02, d);
+          slf_direction((s_index + (k % side + 0.5) / side) / s->directions,
+                        (t_index + (k / side + 0.5) / side) / s->directions, 0.02, d);
           vec in =
               add(add(add((vec){0, 0, 0}, f.tangent_u, -d[0]), f.tangent_v, -d[1]), f.normal, d[2]);
           trace(add(f.point, f.normal, 1e-6), unit(in), 3, one);
         }
-        for (int c = 0; c < 3; c++) rgb[c] += 0.85f * one[c] / (SIDE * SIDE);
+        for (int c = 0; c < 3; c++) rgb[c] += 0.85f * one[c] / (float)(side * side);
       }
     }
   return SLF_OK;
@@ -197,12 +199,13 @@ static slf_result add_surface(slf_writer *writer, const char *name, shape *s, ui
 }
 
 int main(int argc, char **argv) {
-  if (argc != 5) {
-    fputs("usage: room TEXELS DIRECTIONS QUALITY OUT.slf\n", stderr);
+  if (argc != 6) {
+    fputs("usage: room TEXELS DIRECTIONS SAMPLES QUALITY OUT.slf\n", stderr);
     return 2;
   }
-  uint32_t texels = (uint32_t)atoi(argv[1]), directions = (uint32_t)atoi(argv[2]);
-  float quality = (float)atof(argv[3]);
+  uint32_t texels = (uint32_t)atoi(argv[1]), directions = (uint32_t)atoi(argv[2]),
+           samples = (uint32_t)atoi(argv[3]);
+  float quality = (float)atof(argv[4]);
   static const slf_view views[] = {
       {"door", {-2.2f, 1.7f, -2.4f}, {0.5f, 0.6f, 0.5f}, 70},
       {"floor", {0.2f, 0.4f, -2.8f}, {0.3f, 0.3f, 1}, 75},
@@ -210,11 +213,11 @@ int main(int argc, char **argv) {
   };
   slf_writer *writer = NULL;
   slf_error error;
-  slf_result result = slf_writer_create(argv[4], &writer, &error);
+  slf_result result = slf_writer_create(argv[5], &writer, &error);
   for (size_t i = 0; i < 3 && result == SLF_OK; i++)
     result = slf_writer_add_view(writer, &views[i], &error);
-  shape floor_shape = {floor_at, texels, directions}, ball_shape = {ball_at, texels, directions},
-        wall_shape = {wall_at, 128, 1};
+  shape floor_shape = {floor_at, texels, directions, samples},
+        ball_shape = {ball_at, texels, directions, samples}, wall_shape = {wall_at, 128, 1, 2};
   if (result == SLF_OK)
     result = add_surface(writer, "floor", &floor_shape, 4, SLF_SURFACE_WATER, quality, &error);
   if (result == SLF_OK)

@@ -1,0 +1,244 @@
+/* viewer - what a compressed light field costs against an uncompressed one, in one run.
+ *
+ *   viewer FILE.slf...      (named NAME_DIRECTIONS.slf) prints one flat JSON object
+ *
+ * Both go through the same code, texture_update; only the source of U-Blocks differs. The
+ * uncompressed one is the strongest we know: decoded RGBX blocks of 8x8 in one array, all slices of
+ * a block of texels side by side, so that a fetch is an address and the four taps of a cell lie
+ * close. One thread. A ratio is the median over rounds of times taken right after each other. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "viewer/block_cache.h"
+#include "viewer/texture.h"
+
+enum { MAX_SURFACES = 16, ROUNDS = 41, MOVING_FRAMES = 60 };
+
+/* ---- The uncompressed light field --------------------------------------------------------------
+ */
+
+typedef struct {
+  uint8_t *blocks; /* [block_v][block_u][s][t] */
+  uint32_t block_u_count, s_count, t_count;
+} table;
+
+static void fetch_table(void *context, uint32_t block_u, uint32_t block_v,
+                        const slice_index *slices, size_t count, const uint8_t **u_blocks) {
+  const table *x = context;
+  const uint8_t *base = x->blocks + ((size_t)block_v * x->block_u_count + block_u) * x->s_count *
+                                        x->t_count * SLF_BLOCK_NBYTES;
+  for (size_t i = 0; i < count; i++)
+    u_blocks[i] =
+        base + ((size_t)(slices[i] >> 8) * x->t_count + (slices[i] & 0xff)) * SLF_BLOCK_NBYTES;
+}
+
+static bool fill_table(table *x, const slf_file *file, uint32_t surface, const slf_layer *layer) {
+  size_t count =
+      (size_t)layer->block_u_count * layer->block_v_count * layer->s_count * layer->t_count;
+  *x = (table){malloc(count * SLF_BLOCK_NBYTES), layer->block_u_count, layer->s_count,
+               layer->t_count};
+  if (!x->blocks) return false;
+  for (size_t i = 0; i < count; i++) {
+    size_t slice = i % ((size_t)layer->s_count * layer->t_count);
+    size_t block = i / ((size_t)layer->s_count * layer->t_count);
+    slf_block_address address = {.s = (uint16_t)(slice / layer->t_count),
+                                 .t = (uint16_t)(slice % layer->t_count),
+                                 .block_u = (uint16_t)(block % layer->block_u_count),
+                                 .block_v = (uint16_t)(block / layer->block_u_count)};
+    slf_decode_block(file, surface, 0, address, x->blocks + i * SLF_BLOCK_NBYTES);
+  }
+  return true;
+}
+
+/* ---- A scene, once through a cache and once through tables -------------------------------------
+ */
+
+typedef struct {
+  const slf_file *file;
+  uint32_t count, surfaces[MAX_SURFACES]; /* the shiny ones */
+  texture textures[MAX_SURFACES];
+  table tables[MAX_SURFACES];
+  block_cache *cache; /* NULL: uncompressed */
+} scene;
+
+static bool open_scene(scene *x, const slf_file *file, const scene *tables, size_t capacity) {
+  memset(x, 0, sizeof *x);
+  x->file = file;
+  if (tables && !(x->cache = block_cache_create(file, capacity))) return false;
+  for (uint32_t i = 0; i < slf_surface_count(file) && x->count < MAX_SURFACES; i++) {
+    const slf_surface *surface = slf_get_surface(file, i);
+    const slf_layer *layer = &surface->layers[0];
+    if (layer->slice_count == 1) continue;
+    block_source source = {fetch_table, &x->tables[x->count]};
+    if (x->cache)
+      source = block_cache_layer(x->cache, i, 0);
+    else if (!fill_table(&x->tables[x->count], file, i, layer))
+      return false;
+    if (!texture_create(&x->textures[x->count], &surface->mesh, layer, source, UV_DICE_PX))
+      return false;
+    x->surfaces[x->count++] = i;
+  }
+  return true;
+}
+
+static void close_scene(scene *x) {
+  for (uint32_t i = 0; i < x->count; i++) {
+    texture_free(&x->textures[i]);
+    free(x->tables[i].blocks);
+  }
+  block_cache_free(x->cache);
+}
+
+static double now_ns(void) {
+  struct timespec t;
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t); /* others may share the processor */
+  return (double)t.tv_sec * 1e9 + (double)t.tv_nsec;
+}
+
+/* Makes all textures for a view and says how long it took. */
+static double frame_ns(scene *x, const slf_view *view, size_t *texels) {
+  camera c = camera_of_view(view, 4, 3);
+  double start = now_ns();
+  if (x->cache) block_cache_begin_frame(x->cache);
+  *texels = 0;
+  for (uint32_t i = 0; i < x->count; i++) {
+    texture_update(&x->textures[i], &c, (direction_bend){0});
+    *texels += 64 * (size_t)x->textures[i].made_count;
+  }
+  return now_ns() - start;
+}
+
+static int by_value(const void *a, const void *b) {
+  double x = *(const double *)a, y = *(const double *)b;
+  return (x > y) - (x < y);
+}
+
+static double median(double *values, size_t count) {
+  qsort(values, count, sizeof *values, by_value);
+  return values[count / 2];
+}
+
+/* A step of half a degree about what the view looks at. */
+static void step(slf_view *view) {
+  view_orbit(view, 0.5f * (float)M_PI / 180, 0);
+}
+
+static bool first = true;
+
+static void print(const char *key, const char *name, double value) {
+  printf("%s\n  \"%s_%s\": %.4g", first ? "{" : ",", key, name, value);
+  first = false;
+}
+
+/* Frames of `x` against frames of `plain`, one view, `cold` with an emptied cache each time. */
+static double still_ratio(scene *x, scene *plain, const slf_view *view, bool cold) {
+  double ratios[ROUNDS];
+  size_t texels;
+  frame_ns(x, view, &texels);
+  frame_ns(plain, view, &texels);
+  for (int i = 0; i < ROUNDS; i++) {
+    if (cold) block_cache_clear(x->cache);
+    double ours = frame_ns(x, view, &texels), theirs = frame_ns(plain, view, &texels);
+    ratios[i] = ours / theirs;
+  }
+  return median(ratios, ROUNDS);
+}
+
+static double decompressions_per_block(scene *x, const slf_view *view) {
+  size_t texels;
+  frame_ns(x, view, &texels);
+  frame_ns(x, view, &texels);
+  uint64_t decompressions = block_cache_get_counts(x->cache)->frame_decompressions;
+  scene all;
+  open_scene(&all, x->file, x, 1 << 20);
+  frame_ns(&all, view, &texels);
+  uint64_t blocks = block_cache_get_counts(all.cache)->frame_decompressions;
+  close_scene(&all);
+  return (double)decompressions / (double)blocks;
+}
+
+static void bench(const slf_file *file, const char *name) {
+  scene plain, warm, small;
+  size_t texels;
+  slf_view view = *slf_get_view(file, 0);
+  char key[64];
+  if (!open_scene(&plain, file, NULL, 0) || !open_scene(&warm, file, &plain, 1 << 20)) {
+    fprintf(stderr, "viewer: %s: out of memory\n", name);
+    exit(1);
+  }
+  print("warm_vs_uncompressed", name, still_ratio(&warm, &plain, &view, false));
+  print("cold_vs_uncompressed", name, still_ratio(&warm, &plain, &view, true));
+  static const size_t capacities[] = {10000, 1000, 100, 10, 4, 1, 0};
+  for (size_t i = 0; i < sizeof capacities / sizeof *capacities; i++) {
+    open_scene(&small, file, &plain, capacities[i]);
+    snprintf(key, sizeof key, "cache%zu_vs_uncompressed", capacities[i]);
+    print(key, name, still_ratio(&small, &plain, &view, false));
+    /* Against the same frame by a cache that holds all of it, emptied before. */
+    double ratios[ROUNDS];
+    for (int k = 0; k < ROUNDS; k++) {
+      block_cache_clear(warm.cache);
+      double cold = frame_ns(&warm, &view, &texels);
+      ratios[k] = frame_ns(&small, &view, &texels) / cold;
+    }
+    snprintf(key, sizeof key, "cache%zu_vs_cold", capacities[i]);
+    print(key, name, median(ratios, ROUNDS));
+    snprintf(key, sizeof key, "decompressions_per_block_cache%zu", capacities[i]);
+    print(key, name, decompressions_per_block(&small, &view));
+    close_scene(&small);
+  }
+  /* A flight of half degrees: the cache starts empty, so every block is new once. */
+  double ours[MOVING_FRAMES], theirs[MOVING_FRAMES], our_sum = 0, their_sum = 0, texel_sum = 0;
+  block_cache_clear(warm.cache);
+  frame_ns(&warm, &view, &texels);
+  uint64_t before = block_cache_get_counts(warm.cache)->decompressions;
+  for (int i = 0; i < MOVING_FRAMES; i++) {
+    step(&view);
+    ours[i] = frame_ns(&warm, &view, &texels);
+    theirs[i] = frame_ns(&plain, &view, &texels);
+    our_sum += ours[i];
+    their_sum += theirs[i];
+    texel_sum += (double)texels;
+  }
+  print("moving_vs_uncompressed", name, our_sum / their_sum);
+  print("resample_ns_per_texel_moving", name, our_sum / texel_sum);
+  print("uncompressed_ns_per_texel_moving", name, their_sum / texel_sum);
+  print("decompressions_per_frame_moving", name,
+        (double)(block_cache_get_counts(warm.cache)->decompressions - before) / MOVING_FRAMES);
+  double again[ROUNDS];
+  for (int i = 0; i < ROUNDS; i++) again[i] = frame_ns(&warm, &view, &texels);
+  print("frame_ms_warm", name, median(again, ROUNDS) / 1e6);
+  print("frame_ms_moving", name, median(ours, MOVING_FRAMES) / 1e6);
+  print("uncompressed_frame_ms_moving", name, median(theirs, MOVING_FRAMES) / 1e6);
+  for (int i = 0; i < ROUNDS; i++) again[i] = frame_ns(&plain, &view, &texels);
+  print("uncompressed_frame_ms_warm", name, median(again, ROUNDS) / 1e6);
+  print("texels_per_frame", name, (double)texels);
+  print("blocks_per_frame", name, (double)block_cache_get_counts(warm.cache)->frame_lookups);
+  close_scene(&warm);
+  close_scene(&plain);
+}
+
+int main(int argc, char **argv) {
+  if (argc < 2) {
+    fputs("usage: viewer FILE.slf...\n", stderr);
+    return 2;
+  }
+  for (int i = 1; i < argc; i++) {
+    slf_file *file;
+    slf_error error;
+    if (slf_open(argv[i], &file, &error) != SLF_OK) {
+      fprintf(stderr, "viewer: %s\n", error.message);
+      return 1;
+    }
+    const char *slash = strrchr(argv[i], '/');
+    char name[64];
+    snprintf(name, sizeof name, "%s", slash ? slash + 1 : argv[i]);
+    name[strcspn(name, ".")] = 0;
+    bench(file, name);
+    slf_close(file);
+  }
+  puts("\n}");
+  return 0;
+}
