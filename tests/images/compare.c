@@ -1,7 +1,8 @@
 /* compare A.png B.png MASK.png - how two pictures differ where the mask is white, one pixel in from
- * its edge. Prints one line: PSNR in dB of the 8-bit colours, the shift of B against A in pixels
- * (peak of the normalised cross-correlation of luma, parabola through its neighbours), and the
- * number of pixels compared. */
+ * its edge. Prints one line: PSNR in dB of the 8-bit colours; the shift of B against A in pixels; the
+ * standard deviation in pixels of the Gaussian that makes A as blurred as B; the number of pixels
+ * compared. The shift is the peak of the normalised cross-correlation of B's luma with A's, A blurred
+ * so that the peak is highest: against a sharp A, what lies beyond the blur's reach would pull it. */
 #include <math.h>
 #include <png.h>
 #include <stdint.h>
@@ -38,17 +39,35 @@ static int inside(const picture *mask, int x, int y, int margin) {
   return 1;
 }
 
-static double luma(const picture *p, int x, int y) {
-  const uint8_t *c = p->rgb + 3 * (y * p->width + x);
-  return 0.299 * c[0] + 0.587 * c[1] + 0.114 * c[2];
+static double *luma(const picture *p) {
+  double *luma = malloc(sizeof *luma * (size_t)(p->width * p->height));
+  for (int i = 0; luma && i < p->width * p->height; i++)
+    luma[i] = 0.299 * p->rgb[3 * i] + 0.587 * p->rgb[3 * i + 1] + 0.114 * p->rgb[3 * i + 2];
+  return luma;
 }
 
-static double correlation(const picture *a, const picture *b, const picture *mask, int dx, int dy) {
+/* Blurs along x (step 1) or y (step width) with a Gaussian, taking only what the mask shows. */
+static void blur_along(const picture *mask, const double *from, double *to, double sigma_px, int dx,
+                       int dy) {
+  int reach = (int)ceil(3 * sigma_px);
+  for (int y = 0; y < mask->height; y++)
+    for (int x = 0; x < mask->width; x++) {
+      double sum = 0, weights = 0;
+      for (int k = -reach; k <= reach; k++)
+        if (inside(mask, x + k * dx, y + k * dy, 0)) {
+          double w = sigma_px > 0 ? exp(-k * k / (2 * sigma_px * sigma_px)) : 1;
+          sum += w * from[(y + k * dy) * mask->width + x + k * dx], weights += w;
+        }
+      to[y * mask->width + x] = weights > 0 ? sum / weights : 0;
+    }
+}
+
+static double correlation(const double *a, const double *b, const picture *mask, int dx, int dy) {
   double n = 0, sa = 0, sb = 0, saa = 0, sbb = 0, sab = 0;
   for (int y = 0; y < mask->height; y++)
     for (int x = 0; x < mask->width; x++)
       if (inside(mask, x, y, RADIUS + 1)) {
-        double la = luma(a, x, y), lb = luma(b, x + dx, y + dy);
+        double la = a[y * mask->width + x], lb = b[(y + dy) * mask->width + x + dx];
         n++, sa += la, sb += lb, saa += la * la, sbb += lb * lb, sab += la * lb;
       }
   return (n * sab - sa * sb) / sqrt((n * saa - sa * sa) * (n * sbb - sb * sb));
@@ -80,21 +99,24 @@ int main(int argc, char **argv) {
       }
   if (!count) return fprintf(stderr, "compare: %s: nothing is white\n", argv[3]), 1;
 
-  int bx = 0, by = 0;
-  double best = -2;
-  for (int dy = -RADIUS; dy <= RADIUS; dy++)
-    for (int dx = -RADIUS; dx <= RADIUS; dx++) {
-      double r = correlation(&a, &b, &mask, dx, dy);
-      if (r > best) best = r, bx = dx, by = dy;
-    }
-  if (abs(bx) == RADIUS || abs(by) == RADIUS)
-    return fprintf(stderr, "compare: no correlation peak within %d px\n", RADIUS - 1), 1;
-  double shift_x = bx + peak(correlation(&a, &b, &mask, bx - 1, by), best,
-                             correlation(&a, &b, &mask, bx + 1, by));
-  double shift_y = by + peak(correlation(&a, &b, &mask, bx, by - 1), best,
-                             correlation(&a, &b, &mask, bx, by + 1));
-  printf("%.2f %.3f %.3f %ld\n", 10 * log10(255.0 * 255.0 * 3 * (double)count / squares), shift_x,
-         shift_y, count);
-  free(a.rgb), free(b.rgb), free(mask.rgb);
+  double *la = luma(&a), *lb = luma(&b), *row = luma(&a), *blurred = luma(&a);
+  if (!la || !lb || !row || !blurred) return fprintf(stderr, "compare: out of memory\n"), 1;
+  double best = -2, best_sigma = 0, shift_x = 0, shift_y = 0;
+  for (double sigma_px = 0; sigma_px <= 12; sigma_px += 0.5) {
+    blur_along(&mask, la, row, sigma_px, 1, 0), blur_along(&mask, row, blurred, sigma_px, 0, 1);
+    for (int y = -RADIUS + 1; y < RADIUS; y++)
+      for (int x = -RADIUS + 1; x < RADIUS; x++) {
+        double at = correlation(blurred, lb, &mask, x, y);
+        if (at <= best) continue;
+        best = at, best_sigma = sigma_px;
+        shift_x = x + peak(correlation(blurred, lb, &mask, x - 1, y), at,
+                           correlation(blurred, lb, &mask, x + 1, y));
+        shift_y = y + peak(correlation(blurred, lb, &mask, x, y - 1), at,
+                           correlation(blurred, lb, &mask, x, y + 1));
+      }
+  }
+  printf("%.2f %.3f %.3f %.1f %ld\n", 10 * log10(255.0 * 255.0 * 3 * (double)count / squares),
+         shift_x, shift_y, best_sigma, count);
+  free(la), free(lb), free(row), free(blurred), free(a.rgb), free(b.rgb), free(mask.rgb);
   return 0;
 }

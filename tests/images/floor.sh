@@ -17,7 +17,7 @@ draw() { # FILE VIEW NAME: the viewer's picture and the floor's mask
 echo "1..13"
 for view in entrance corner high low; do
   # 256 rays a pixel: what is left of the facets' noise lies near 42 dB over the floor.
-  tests/truth floor $view $size 16 "$out/dull-$view-truth.png" && draw build/check-floor.slf $view dull-$view
+  tests/truth floor $view $size 10 "$out/dull-$view-truth.png" && draw build/check-floor.slf $view dull-$view
   read -r psnr _ _ pixels < <(build/tests/images/compare "$out"/dull-$view{-truth,,-mask}.png)
   echo "# figure: dull floor, $view: ${psnr:-none} dB against POV-Ray over ${pixels:-0} px"
   check "dull floor, $view, agrees with POV-Ray" "${psnr:-0} >= 33"
