@@ -153,7 +153,7 @@ static bool has_extension(const char *name) {
   return false;
 }
 
-static void create_texture(drawn_layer *layer, const slf_surface *surface, const slf_layer *shape) {
+static void create_texture(drawn_layer *layer, const slf_surface *surface) {
   bool wrap_u = surface->flags & SLF_SURFACE_WRAP_U, wrap_v = surface->flags & SLF_SURFACE_WRAP_V;
   gl.GenTextures(1, &layer->texture);
   gl.BindTexture(GL_TEXTURE_2D, layer->texture);
@@ -166,22 +166,36 @@ static void create_texture(drawn_layer *layer, const slf_surface *surface, const
     gl.GetIntegerv(MAX_TEXTURE_MAX_ANISOTROPY, &most);
     gl.TexParameterf(GL_TEXTURE_2D, TEXTURE_MAX_ANISOTROPY, (float)most);
   }
-  gl.TexImage2D(GL_TEXTURE_2D, 0, GL_SRGB8_ALPHA8, (GLsizei)shape->u_count, (GLsizei)shape->v_count,
-                0, GL_RGBA, GL_UNSIGNED_BYTE, NULL);
 }
 
-static void upload_texels(const drawn_layer *layer, const slf_layer *shape, const uint8_t *texels) {
+static void upload_texels(const drawn_layer *layer, const texture *x) {
   gl.BindTexture(GL_TEXTURE_2D, layer->texture);
-  gl.PixelStorei(GL_UNPACK_ROW_LENGTH, (GLint)(8 * shape->block_u_count));
-  gl.TexSubImage2D(GL_TEXTURE_2D, 0, 0, 0, (GLsizei)shape->u_count, (GLsizei)shape->v_count,
-                   GL_RGBA, GL_UNSIGNED_BYTE, texels);
+  for (uint32_t i = 0; i < x->level_count; i++) {
+    const mipmap_level *level = &x->levels[i];
+    const mipmap_area *a = &x->changed[i];
+    if (a->x1 == 0) continue;
+    gl.PixelStorei(GL_UNPACK_ROW_LENGTH, (GLint)(level->row_nbytes / 8));
+    gl.TexSubImage2D(GL_TEXTURE_2D, (GLint)i, (GLint)a->x0, (GLint)a->y0, (GLsizei)(a->x1 - a->x0),
+                     (GLsizei)(a->y1 - a->y0), GL_RGBA, GL_HALF_FLOAT,
+                     (const uint8_t *)level->texels + a->y0 * level->row_nbytes + a->x0 * 8);
+  }
   gl.PixelStorei(GL_UNPACK_ROW_LENGTH, 0);
-  gl.GenerateMipmap(GL_TEXTURE_2D);
+}
+
+/* A shiny layer starts without any texel made. */
+static void upload_nothing(const texture *x) {
+  for (uint32_t i = 0; i < x->level_count; i++) {
+    const mipmap_level *level = &x->levels[i];
+    gl.PixelStorei(GL_UNPACK_ROW_LENGTH, (GLint)(level->row_nbytes / 8));
+    gl.TexImage2D(GL_TEXTURE_2D, (GLint)i, GL_RGBA16F, (GLsizei)level->width,
+                  (GLsizei)level->height, 0, GL_RGBA, GL_HALF_FLOAT, level->texels);
+  }
+  gl.PixelStorei(GL_UNPACK_ROW_LENGTH, 0);
 }
 
 /* A matte layer is one slice, shown as it is. */
 static bool upload_matte(const drawing *d, uint32_t surface, uint32_t layer_index,
-                         const drawn_layer *layer, const slf_layer *shape) {
+                         const slf_layer *shape) {
   size_t row_nbytes = (size_t)shape->block_u_count * 32;
   uint8_t *texels = malloc(row_nbytes * 8 * shape->block_v_count);
   if (!texels) return false;
@@ -193,7 +207,11 @@ static bool upload_matte(const drawing *d, uint32_t surface, uint32_t layer_inde
       for (size_t row = 0; row < 8; row++)
         memcpy(texels + (8 * bv + row) * row_nbytes + (size_t)bu * 32, u_block + 32 * row, 32);
     }
-  upload_texels(layer, shape, texels);
+  gl.PixelStorei(GL_UNPACK_ROW_LENGTH, (GLint)(8 * shape->block_u_count));
+  gl.TexImage2D(GL_TEXTURE_2D, 0, GL_SRGB8_ALPHA8, (GLsizei)shape->u_count, (GLsizei)shape->v_count,
+                0, GL_RGBA, GL_UNSIGNED_BYTE, texels);
+  gl.PixelStorei(GL_UNPACK_ROW_LENGTH, 0);
+  gl.GenerateMipmap(GL_TEXTURE_2D);
   free(texels);
   return true;
 }
@@ -217,12 +235,16 @@ static bool create_surface(drawing *d, uint32_t index, uint32_t dice_px) {
   for (uint32_t k = 0; k < surface->layer_count; k++) {
     const slf_layer *shape = &surface->layers[k];
     drawn_layer *layer = &s->layers[k];
-    create_texture(layer, surface, shape);
+    create_texture(layer, surface);
     layer->matte = shape->s_count == 1 && shape->t_count == 1;
-    if (layer->matte ? !upload_matte(d, index, k, layer, shape)
-                     : !texture_create(&layer->texels, &surface->mesh, shape,
-                                       block_cache_layer(d->cache, index, k), dice_px))
+    if (layer->matte) {
+      if (!upload_matte(d, index, k, shape)) return false;
+      continue;
+    }
+    if (!texture_create(&layer->texels, &surface->mesh, shape,
+                        block_cache_layer(d->cache, index, k), dice_px))
       return false;
+    upload_nothing(&layer->texels);
   }
   return true;
 }
@@ -353,8 +375,11 @@ slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int he
       drawn_layer *layer = &s->layers[k];
       if (layer->matte) continue;
       texture_update(&layer->texels, &c, bend);
-      if (s->water) water_finish_frame(s->water, layer->texels.texels, layer->texels.row_nbytes);
-      upload_texels(layer, &slf_get_surface(d->file, i)->layers[k], layer->texels.texels);
+      if (s->water)
+        water_finish_frame(s->water, layer->texels.levels[0].texels,
+                           layer->texels.levels[0].row_nbytes);
+      texture_make_levels(&layer->texels);
+      upload_texels(layer, &layer->texels);
     }
   }
 

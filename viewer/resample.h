@@ -40,10 +40,12 @@ resampler *resampler_create(uint32_t s_count, uint32_t t_count, block_source sou
 void resampler_free(resampler *r); /* accepts NULL */
 
 /* Takes in a block of texels, copying *directions, and writes the one taken in before. `out` is 8
- * rows of 8 texels R G B A, rows row_nbytes apart, in display code (sRGB), A = 255; it is written
- * by the next call or by the flush, and must stay valid until then. */
+ * rows of 8 texels R G B A, rows row_nbytes apart, linear radiance as IEEE half floats, A = 1; it
+ * is written by the next call or by the flush, and must stay valid until then. (Half floats: what
+ * is mixed in linear light is filtered in linear light, so going back to display code in between
+ * would cost a root and a division a texel, and precision.) */
 void resample_block(resampler *r, uint32_t block_u, uint32_t block_v,
-                    const block_directions *directions, uint8_t *out, size_t row_nbytes);
+                    const block_directions *directions, uint16_t *out, size_t row_nbytes);
 void resample_flush(resampler *r);
 
 /* The plain C and the vector kernels give the same bytes; tests hold them against each other. */

@@ -31,8 +31,8 @@ void ripple_script_free(ripple_script *script);
 double ripple_script_end_s(const ripple_script *script);
 bool ripple_script_stops(const ripple_script *script);
 
-/* Applies what falls into the step from begin_s up to, not including, end_s. An event that ripple.h refuses
- * is an error that names its line. */
+/* Applies what falls into the step from begin_s up to, not including, end_s. An event that ripple.h
+ * refuses is an error that names its line. */
 slf_result ripple_script_apply(const ripple_script *script, ripple *pond, double begin_s,
                                double end_s, slf_error *error);
 

@@ -91,35 +91,78 @@ static bool block_view_directions(const texture *x, size_t block, block_directio
   return true;
 }
 
-static uint8_t *block_texels(const texture *x, size_t block) {
-  return x->texels + block / x->mesh.block_u_count * 8 * x->row_nbytes +
-         block % x->mesh.block_u_count * 32;
+static uint16_t *block_texels(const texture *x, uint32_t block_u, uint32_t block_v) {
+  const mipmap_level *level = &x->levels[0];
+  return (uint16_t *)((uint8_t *)level->texels + 8 * block_v * level->row_nbytes) + 32 * block_u;
+}
+
+static void clear_block(const texture *x, uint32_t block_u, uint32_t block_v) {
+  uint8_t *texels = (uint8_t *)block_texels(x, block_u, block_v);
+  for (size_t row = 0; row < 8; row++) memset(texels + row * x->levels[0].row_nbytes, 0, 64);
+}
+
+static void add_block(mipmap_area *area, const mipmap_level *level, uint32_t block_u,
+                      uint32_t block_v) {
+  uint32_t x1 = 8 * block_u + 8, y1 = 8 * block_v + 8;
+  if (x1 > level->width) x1 = level->width;
+  if (y1 > level->height) y1 = level->height;
+  if (area->x1 == 0) *area = (mipmap_area){8 * block_u, 8 * block_v, x1, y1};
+  if (8 * block_u < area->x0) area->x0 = 8 * block_u;
+  if (8 * block_v < area->y0) area->y0 = 8 * block_v;
+  if (x1 > area->x1) area->x1 = x1;
+  if (y1 > area->y1) area->y1 = y1;
 }
 
 void texture_update(texture *x, const camera *c, direction_bend bend) {
   uv_mesh *mesh = &x->mesh;
-  size_t block_count = (size_t)mesh->block_u_count * mesh->block_v_count;
   block_directions d;
   memset(&d, 0, sizeof d);
   find_visible(x, c);
   for (uint32_t i = 0; i < mesh->vertex_count; i++)
     view_direction(&mesh->vertices[i], c->location, &x->s[i], &x->t[i]);
   x->made_count = 0;
-  for (size_t block = 0; block < block_count; block++) {
-    uint8_t *texels = block_texels(x, block);
-    if (block_view_directions(x, block, &d)) {
-      uint32_t block_u = (uint32_t)(block % mesh->block_u_count);
-      uint32_t block_v = (uint32_t)(block / mesh->block_u_count);
-      if (bend.bend) bend.bend(bend.context, block_u, block_v, &d);
-      resample_block(x->resampler, block_u, block_v, &d, texels, x->row_nbytes);
-      x->made[block] = 1;
-      x->made_count++;
-    } else if (x->made[block]) {
-      for (int row = 0; row < 8; row++) memset(texels + (size_t)row * x->row_nbytes, 0, 32);
-      x->made[block] = 0;
+  mipmap_area changed = {0, 0, 0, 0};
+  for (uint32_t block_v = 0; block_v < mesh->block_v_count; block_v++)
+    for (uint32_t block_u = 0; block_u < mesh->block_u_count; block_u++) {
+      size_t block = (size_t)block_v * mesh->block_u_count + block_u;
+      bool shows = block_view_directions(x, block, &d);
+      if (shows) {
+        if (bend.bend) bend.bend(bend.context, block_u, block_v, &d);
+        resample_block(x->resampler, block_u, block_v, &d, block_texels(x, block_u, block_v),
+                       x->levels[0].row_nbytes);
+        x->made_count++;
+      } else if (x->made[block]) {
+        clear_block(x, block_u, block_v);
+      }
+      if (shows || x->made[block]) add_block(&changed, &x->levels[0], block_u, block_v);
+      x->made[block] = shows;
     }
-  }
   resample_flush(x->resampler);
+  x->changed[0] = changed;
+}
+
+void texture_make_levels(texture *x) {
+  for (uint32_t level = 1; level < x->level_count; level++) {
+    x->changed[level] = x->changed[level - 1].x1
+                            ? mipmap_reached(&x->levels[level - 1], x->changed[level - 1])
+                            : (mipmap_area){0, 0, 0, 0};
+    mipmap_reduce(&x->levels[level - 1], &x->levels[level], x->changed[level]);
+  }
+}
+
+static bool create_levels(texture *x) {
+  uint32_t width = x->mesh.u_count, height = x->mesh.v_count;
+  size_t row_nbytes = (size_t)x->mesh.block_u_count * 64, row_count = x->mesh.block_v_count * 8;
+  for (;;) {
+    x->levels[x->level_count] =
+        (mipmap_level){width, height, row_nbytes, calloc(row_count, row_nbytes)};
+    if (!x->levels[x->level_count++].texels) return false;
+    if (width == 1 && height == 1) return true;
+    width = width > 1 ? width / 2 : 1;
+    height = height > 1 ? height / 2 : 1;
+    row_nbytes = (size_t)width * 8;
+    row_count = height;
+  }
 }
 
 bool texture_create(texture *x, const slf_mesh *mesh, const slf_layer *layer, block_source source,
@@ -129,14 +172,13 @@ bool texture_create(texture *x, const slf_mesh *mesh, const slf_layer *layer, bl
   size_t block_count = (size_t)x->mesh.block_u_count * x->mesh.block_v_count;
   x->surface_mesh = *mesh;
   x->resampler = resampler_create(layer->s_count, layer->t_count, source);
-  x->row_nbytes = (size_t)x->mesh.block_u_count * 32;
-  x->texels = calloc(block_count, SLF_BLOCK_NBYTES);
   x->made = calloc(block_count, 1);
   x->s = malloc((x->mesh.vertex_count + (size_t)1) * sizeof *x->s);
   x->t = malloc((x->mesh.vertex_count + (size_t)1) * sizeof *x->t);
   x->outside = malloc(mesh->vertex_count + (size_t)1);
   x->visible = malloc(mesh->triangle_count + (size_t)1);
-  if (x->resampler && x->texels && x->made && x->s && x->t && x->outside && x->visible) return true;
+  if (x->resampler && x->made && x->s && x->t && x->outside && x->visible && create_levels(x))
+    return true;
   texture_free(x);
   return false;
 }
@@ -144,7 +186,7 @@ bool texture_create(texture *x, const slf_mesh *mesh, const slf_layer *layer, bl
 void texture_free(texture *x) {
   uv_mesh_free(&x->mesh);
   resampler_free(x->resampler);
-  free(x->texels);
+  for (uint32_t i = 0; i < x->level_count; i++) free(x->levels[i].texels);
   free(x->made);
   free(x->s);
   free(x->t);

@@ -11,6 +11,7 @@
 #define TEXTURE_H
 
 #include "camera.h"
+#include "mipmap.h"
 #include "resample.h"
 #include "uv_mesh.h"
 
@@ -25,9 +26,12 @@ typedef struct {
   uv_mesh mesh;
   slf_mesh surface_mesh; /* the caller's, not diced */
   resampler *resampler;
-  uint8_t *texels;   /* R G B A, v_count rows (rounded up to 8) of row_nbytes */
-  size_t row_nbytes; /* 32 a block */
-  uint8_t *made;     /* of each block, row by row: whether it holds radiance */
+  /* R G B A in half floats, linear. Level 0 has rows and columns for whole blocks, 64 bytes a block
+   * and row. */
+  mipmap_level levels[MIPMAP_MAX_LEVELS];
+  uint32_t level_count;
+  mipmap_area changed[MIPMAP_MAX_LEVELS]; /* what the latest update wrote, of each level */
+  uint8_t *made;                          /* of each block, row by row: whether it holds radiance */
   uint32_t made_count;
   float *s, *t;     /* of each diced vertex; not confined to the circle, see view_direction */
   uint8_t *outside; /* of each vertex of surface_mesh */
@@ -40,8 +44,10 @@ bool texture_create(texture *x, const slf_mesh *mesh, const slf_layer *layer, bl
                     uint32_t dice_px);
 void texture_free(texture *x);
 
-/* Makes the texels that camera `c` sees. */
+/* Makes the texels that camera `c` sees, of level 0. */
 void texture_update(texture *x, const camera *c, direction_bend bend);
+/* Makes what changed of the coarser levels. */
+void texture_make_levels(texture *x);
 
 /* (S,T) of the direction from a vertex to the eye. Below the horizon (n < 0) the radius goes on
  * from 1 to 2, so that interpolation crosses the horizon where the surface does; an eye on the

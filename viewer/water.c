@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "viewer/half.h"
+
 static float dot(const float a[3], const float b[3]) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
@@ -204,11 +206,8 @@ slf_result water_create(const slf_file *file, uint32_t surface_index, uint32_t u
   w->bottom[0] = 0.010f;
   w->bottom[1] = 0.045f;
   w->bottom[2] = 0.060f;
-  for (int i = 0; i < 256; i++) w->linear[i] = slf_linear_from_srgb((uint8_t)i);
-  for (int i = 0; i < WATER_CODES; i++) {
-    const float root = (float)i / (WATER_CODES - 1);
-    w->code[i] = slf_srgb_from_linear(root * root);
-  }
+  for (int i = 0; i < 256; i++)
+    w->half_of_code[i] = half_from_float(slf_linear_from_srgb((uint8_t)i));
   if (!allocate(w)) goto out_of_memory;
   const ripple_options options = pond_options(&r, cells);
   result = ripple_create(&options, &w->pond, error);
@@ -333,20 +332,18 @@ static fresnel fresnel_at(float cosine, const float bottom[3]) {
   return f;
 }
 
-static void tint(const water *w, uint8_t *texels, size_t row_nbytes) {
+static void tint(const water *w, uint16_t *texels, size_t row_nbytes) {
   fresnel table[WATER_FACINGS];
   for (int i = 0; i < WATER_FACINGS; i++)
     table[i] = fresnel_at((float)i / (WATER_FACINGS - 1), w->bottom);
   for (size_t j = 0; j < w->v_count; j++) {
-    uint8_t *texel = texels + j * row_nbytes;
+    uint16_t *texel = texels + j * (row_nbytes / sizeof *texels);
     const uint16_t *facing = w->facing + j * w->stride;
     for (size_t i = 0; i < w->u_count; i++, texel += 4) {
       if (texel[3] == 0) continue;
       const fresnel *f = &table[facing[i]];
-      for (int k = 0; k < 3; k++) {
-        const float light = fminf(f->reflected * w->linear[texel[k]] + f->bottom[k], 1);
-        texel[k] = w->code[(int)(sqrtf(light) * (WATER_CODES - 1) + 0.5f)];
-      }
+      for (int k = 0; k < 3; k++)
+        texel[k] = half_from_float(f->reflected * float_from_half(texel[k]) + f->bottom[k]);
     }
   }
 }
@@ -355,19 +352,19 @@ static uint8_t slope_code(float slope) {
   return (uint8_t)(255 * fminf(fmaxf(0.5f + slope, 0), 1) + 0.5f);
 }
 
-static void paint_normals(const water *w, uint8_t *texels, size_t row_nbytes) {
+static void paint_normals(const water *w, uint16_t *texels, size_t row_nbytes) {
   for (size_t j = 0; j < w->v_count; j++) {
-    uint8_t *texel = texels + j * row_nbytes;
+    uint16_t *texel = texels + j * (row_nbytes / sizeof *texels);
     for (size_t i = 0; i < w->u_count; i++, texel += 4) {
       if (texel[3] == 0) continue;
-      texel[0] = slope_code(w->slope_u[j * w->stride + i]);
-      texel[1] = slope_code(w->slope_v[j * w->stride + i]);
-      texel[2] = 255;
+      texel[0] = w->half_of_code[slope_code(w->slope_u[j * w->stride + i])];
+      texel[1] = w->half_of_code[slope_code(w->slope_v[j * w->stride + i])];
+      texel[2] = HALF_ONE;
     }
   }
 }
 
-void water_finish_frame(water *w, uint8_t *texels, size_t row_nbytes) {
+void water_finish_frame(water *w, uint16_t *texels, size_t row_nbytes) {
   if (!w->bending) return;
   if (w->display == WATER_NORMALS)
     paint_normals(w, texels, row_nbytes);

@@ -26,7 +26,7 @@ typedef enum {
   WATER_NORMALS /* red and green are the slopes along u and v, 0.5 for none, 1 for +0.5 */
 } water_display;
 
-enum { WATER_DISPLAY_COUNT = 3, WATER_FACINGS = 1024, WATER_CODES = 4096 };
+enum { WATER_DISPLAY_COUNT = 3, WATER_FACINGS = 1024 };
 
 typedef struct {
   uint64_t ray_count;   /* texels that were bent in the last frame */
@@ -49,9 +49,8 @@ typedef struct {
   uint64_t step_index;         /* steps since the water was last at rest: its time */
   water_counts counts;
 
-  bool bending;              /* this frame */
-  float linear[256];         /* of a display code */
-  uint8_t code[WATER_CODES]; /* of linear light, by its square root */
+  bool bending;               /* this frame */
+  uint16_t half_of_code[256]; /* linear light of a display code */
 } water;
 
 /* For a surface that is a flat rectangle, and u_count x v_count texels. Other surfaces of the file
@@ -72,8 +71,9 @@ double water_time_s(const water *w);
 void water_reset(water *w);
 
 /* Before a frame: what to give texture_update, {NULL, NULL} where the flat picture is the right
- * one; and after it, for looks that colour texels: v_count rows, row_nbytes apart. */
+ * one; and after it, before texture_make_levels, for looks that colour texels: v_count rows of
+ * half floats as in texture.h, row_nbytes apart. */
 direction_bend water_begin_frame(water *w);
-void water_finish_frame(water *w, uint8_t *texels, size_t row_nbytes);
+void water_finish_frame(water *w, uint16_t *texels, size_t row_nbytes);
 
 #endif

@@ -10,6 +10,7 @@
 
 #include <cmocka.h>
 
+#include "viewer/half.h"
 #include "viewer/texture.h"
 
 /* ---- A light field with a closed form ---------------------------------------------------------
@@ -109,6 +110,12 @@ static slf_layer layer_of(const closed_form *f) {
       .u_count = f->u_count, .v_count = f->v_count, .s_count = f->s_count, .t_count = f->t_count};
 }
 
+static const uint16_t *texel_at(const texture *x, int row, int column) {
+  return (const uint16_t *)((const uint8_t *)x->levels[0].texels +
+                            (size_t)row * x->levels[0].row_nbytes) +
+         4 * column;
+}
+
 /* ---- Tests -------------------------------------------------------------------------------------
  */
 
@@ -135,11 +142,11 @@ static double square_error(uint32_t directions, uint32_t dice_px, const float ey
       double d[3] = {eye[0] - u, eye[1], eye[2] - v};
       double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
       *least_n = fmin(*least_n, d[1] / length);
-      const uint8_t *texel = x.texels + row * x.row_nbytes + column * 4;
-      assert_int_equal(texel[3], 255);
+      const uint16_t *texel = texel_at(&x, row, column);
+      assert_int_equal(texel[3], HALF_ONE);
       for (int k = 0; k < 3; k++) {
         double exact = radiance(u, v, d[0] / length, d[2] / length, k);
-        double error = fabs(slf_linear_from_srgb(texel[k]) - exact);
+        double error = fabs(float_from_half(texel[k]) - exact);
         worst = fmax(worst, error);
         sum += error * error;
       }
@@ -160,9 +167,9 @@ static double error_bound(uint32_t directions, uint32_t dice_px, double nearest,
    * second derivative of a unit vector, at most 2 / r^2, in s and in t. */
   double leg = dice_px / 64.0;
   double dicing = 2 * leg * leg / 8 * 2 / (nearest * nearest) * 2 * amplitude * wave;
-  /* A tap's code and the result's code are each half a code off, 2.28/255 a code at white and less
-   * below; at radiance 0.7 the slope is 1.9. The cubic curve is within 0.0017 going in and out. */
-  double codes = 2 * 0.5 * 1.9 / 255 + 2 * 0.0017;
+  /* A tap's code is half a code off, 2.28/255 a code at white and less below; at radiance 0.7 the
+   * slope is 1.9. The curve is within 0.3 of a code, a half float within 2^-12 of its value. */
+  double codes = (0.5 + 0.3) * 1.9 / 255 + 0.7 / 4096;
   return mixing + dicing + codes + reach * amplitude * wave;
 }
 
@@ -202,7 +209,7 @@ static void test_vector_kernel_equals_plain_c(void **state) {
   closed_form *f = calloc(1, sizeof *f);
   *f = (closed_form){.u_count = 8, .v_count = 8, .s_count = 13, .t_count = 32};
   block_source source = {fetch_closed_form, f};
-  uint8_t bytes[2][256];
+  uint16_t texels[2][256];
   srand(1);
   for (int round = 0; round < 2000; round++) {
     block_directions d;
@@ -219,12 +226,13 @@ static void test_vector_kernel_equals_plain_c(void **state) {
     for (int kernel = 0; kernel < 2; kernel++) {
       resampler *r = resampler_create(13, 32, source);
       resampler_use_kernel(r, kernel ? RESAMPLE_PLAIN_C : RESAMPLE_BEST);
-      resample_block(r, 0, 0, &d, bytes[kernel], 32);
+      resample_block(r, 0, 0, &d, texels[kernel], 64);
       resample_flush(r);
       resampler_free(r);
     }
-    assert_memory_equal(bytes[0], bytes[1], 256);
-    for (int k = 0; k < 64; k++) assert_int_equal(bytes[0][4 * k + 3], d.mask >> k & 1 ? 255 : 0);
+    assert_memory_equal(texels[0], texels[1], 512);
+    for (int k = 0; k < 64; k++)
+      assert_int_equal(texels[0][4 * k + 3], d.mask >> k & 1 ? HALF_ONE : 0);
   }
   free(f);
 }
@@ -242,14 +250,16 @@ static void test_equal_taps_keep_their_code(void **state) {
     d.s[k] = 0.3f + 0.006f * (float)k, d.t[k] = 0.71f - 0.004f * (float)k;
   for (int code = 0; code < 256; code++)
     for (int kernel = 0; kernel < 2; kernel++) {
-      uint8_t flat[256], out[256];
+      uint8_t flat[256];
+      uint16_t out[256];
       memset(flat, code, sizeof flat);
       resampler *r = resampler_create(16, 16, (block_source){fetch_flat, flat});
       resampler_use_kernel(r, kernel ? RESAMPLE_PLAIN_C : RESAMPLE_BEST);
-      resample_block(r, 0, 0, &d, out, 32);
+      resample_block(r, 0, 0, &d, out, 64);
       resample_flush(r);
       resampler_free(r);
-      for (int k = 0; k < 256; k++) assert_int_equal(out[k], k % 4 == 3 ? 255 : code);
+      for (int k = 0; k < 256; k++)
+        if (k % 4 != 3) assert_int_equal(slf_srgb_from_linear(float_from_half(out[k])), code);
     }
 }
 
@@ -336,16 +346,16 @@ static void test_seam_and_silhouette(void **state) {
       double d[3] = {eye[0] - cos(angle), eye[1] - (1 - v), eye[2] - sin(angle)};
       double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
       double n = (d[0] * cos(angle) + d[2] * sin(angle)) / length;
-      const uint8_t *texel = x.texels + row * x.row_nbytes + column * 4;
+      const uint16_t *texel = texel_at(&x, row, column);
       /* What faces the eye is there; a side of the polygon turns by half of 2 pi / 48. */
-      if (n > M_PI / SIDES) assert_int_equal(texel[3], 255);
+      if (n > M_PI / SIDES) assert_int_equal(texel[3], HALF_ONE);
       if (n < -0.5) assert_int_equal(texel[3], 0); /* what does not costs nothing */
       seen += n > 0;
       behind += n < -0.5;
       if (n < 0.05) continue;
       double s = (-d[0] * sin(angle) + d[2] * cos(angle)) / length, t = -d[1] / length;
       for (int k = 0; k < 3; k++)
-        worst = fmax(worst, fabs(slf_linear_from_srgb(texel[k]) - radiance(u, v, s, t, k)));
+        worst = fmax(worst, fabs(float_from_half(texel[k]) - radiance(u, v, s, t, k)));
     }
   assert_true(seen > 1000 && behind > 1000);
   /* As error_bound, but that s turns with the surface: a side spans 2 pi / 48 radians, over which
@@ -385,8 +395,8 @@ static void test_any_eye(void **state) {
       assert_true(isfinite(x.s[b]) && isfinite(x.t[b]));
     for (int row = 0; row < 28; row++)
       for (int column = 0; column < 20; column++) {
-        uint8_t alpha = x.texels[row * x.row_nbytes + column * 4 + 3];
-        assert_true(alpha == 0 || alpha == 255);
+        uint16_t alpha = texel_at(&x, row, column)[3];
+        assert_true(alpha == 0 || alpha == HALF_ONE);
       }
   }
   texture_free(&x);
