@@ -78,7 +78,7 @@ $(RAY_TABLES): %/rays: %/rays.made
 $(CHUNKS): $(BAKE_DIR)/look $(addprefix bake/,camera.c sample.c gather.c image.c)
 	@bake/trace chunk $(notdir $(@D)) $(basename $(notdir $@)) $@
 
-build/$(BAKE).slf: $(BAKE_DIR)/plan.mk $(CHUNKS) $(wildcard $(BAKE_SCENE)/views)
+build/$(BAKE).slf: $(BAKE_BIN)/pack $(BAKE_DIR)/plan.mk $(CHUNKS) $(wildcard $(BAKE_SCENE)/views)
 	@$(BAKE_BIN)/pack $(BAKE_DIR) $(BAKE_RAYS) $(wildcard $(BAKE_SCENE)/views) $@
 endif
 
