@@ -9,6 +9,13 @@
 #include "image.h"
 #include "surface.h"
 
+/* Whatever ends the program, no temporary file stays behind. */
+static slf_writer *writer;
+
+static void abort_writer(void) {
+  slf_writer_abort(writer);
+}
+
 static void check(slf_result result, const slf_error *error) {
   if (result != SLF_OK) fail("%s", error->message);
 }
@@ -84,7 +91,7 @@ static uint32_t *grid_triangles(const surface *self, uint32_t *triangle_count) {
   return triangles;
 }
 
-static void write_geometry(slf_writer *writer, const surface *self) {
+static void write_geometry(const surface *self) {
   slf_error error;
   slf_surface out = {.flags = self->flags};
   uint32_t *triangles = grid_triangles(self, &out.mesh.triangle_count);
@@ -96,8 +103,7 @@ static void write_geometry(slf_writer *writer, const surface *self) {
   free(triangles);
 }
 
-static void write_layer(slf_writer *writer, const char *folder, const surface *self,
-                        uint32_t rays) {
+static void write_layer(const char *folder, const surface *self, uint32_t rays) {
   slf_error error;
   slice_reader reader = open_slices(folder, self, rays);
   slf_source source = {.read_slice = read_slice, .context = &reader};
@@ -115,7 +121,7 @@ static void write_layer(slf_writer *writer, const char *folder, const surface *s
 }
 
 /* name lx ly lz ax ay az angle_deg, one view a line; # begins a comment. */
-static void write_views(slf_writer *writer, const char *path) {
+static void write_views(const char *path) {
   slf_error error;
   FILE *file = fopen(path, "r");
   if (!file) fail("%s: %s", path, strerror(errno));
@@ -139,19 +145,21 @@ int main(int argc, char **argv) {
     return 2;
   }
   slf_error error;
-  slf_writer *writer;
   const char *folder = argv[1];
   uint32_t rays = (uint32_t)atoi(argv[2]);
   char *path = format_text("%s/scene.txt", folder);
   scene *whole = scene_read(path);
+  atexit(abort_writer);
   check(slf_writer_create(argv[argc - 1], &writer, &error), &error);
   slf_writer_set_background(writer, whole->background);
-  if (argc == 5) write_views(writer, argv[3]);
+  if (argc == 5) write_views(argv[3]);
   for (uint32_t i = 0; i < whole->surface_count; i++) {
-    write_geometry(writer, &whole->surfaces[i]);
-    write_layer(writer, folder, &whole->surfaces[i], rays);
+    write_geometry(&whole->surfaces[i]);
+    write_layer(folder, &whole->surfaces[i], rays);
   }
-  check(slf_writer_finish(writer, &error), &error);
+  slf_result finished = slf_writer_finish(writer, &error);
+  writer = NULL; /* freed either way */
+  check(finished, &error);
   free(path);
   scene_free(whole);
   return 0;
