@@ -12,7 +12,7 @@
 # Files that many others depend on (surface.txt, rays, look) keep their time when they come out the
 # same: only what changed is baked again.
 
-BAKE_PROGRAMS := $(addprefix $(OUT)/bake/,plan camera ray_scene ray_table gather pack progress)
+BAKE_PROGRAMS := $(addprefix $(OUT)/bake/,plan camera ray_scene ray_table gather layers pack progress)
 BAKE_OBJECTS := $(addprefix $(OBJ)/bake/,surface.o sample.o image.o fail.o)
 $(OBJ)/bake/%.o: PKG_CFLAGS = $(shell pkg-config --cflags OpenEXR)
 
@@ -75,7 +75,7 @@ $(addsuffix .made,$(RAY_TABLES)):
 $(RAY_TABLES): %/rays: %/rays.made
 	@:
 
-$(CHUNKS): $(BAKE_DIR)/look $(addprefix bake/,camera.c sample.c gather.c image.c) | bake-begins
+$(CHUNKS): $(BAKE_DIR)/look $(addprefix bake/,camera.c sample.c gather.c layers.c image.c) | bake-begins
 	@bake/trace chunk $(notdir $(@D)) $(basename $(notdir $@)) $@
 	@$(BAKE_BIN)/progress report $(BAKE_DIR) $(BAKE_RAYS)
 .PHONY: bake-begins

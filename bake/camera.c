@@ -18,7 +18,7 @@
 #include "surface.h"
 
 /* Slices at the rim are seen from here, so that each has real data (n of eq. 1). */
-static const double n_min = 0.02;
+static const double n_min = SLF_BAKED_N_MIN;
 
 typedef struct {
   double position[3], normal[3], tangent_u[3], tangent_v[3];
@@ -48,6 +48,8 @@ static void slice_directions(const surface *self, slice at, uint32_t rays, doubl
   sample_cell_offsets(rays, at.s, at.t, st);
   bool matte = self->s_count == 1 && self->t_count == 1;
   for (uint32_t m = 0; m < rays; m++) {
+    if (surface_has_layers(self)) /* what blurs over a cell's directions has no one height */
+      st[m][0] = st[m][1] = 0.5;
     if (matte)
       memcpy(stn[m], (double[3]){0, 0, 1}, sizeof stn[m]);
     else
@@ -80,10 +82,26 @@ static void write_tile_vertices(const surface *self, const double uv[2], const d
   }
 }
 
+/* Of a frame with fog the first row, which nobody reads, looks from the middle straight up. POV-Ray
+ * finds the objects around the first ray's origin and takes them to be around all: a corner texel's
+ * may lie in a wall, where no fog is. */
+static void write_first_tile_vertices(const surface *self) {
+  const slf_vertex *vertex = &self->vertices[0];
+  const double normal[3] = {vertex->normal[0], vertex->normal[1], vertex->normal[2]};
+  for (int corner = 0; corner < 4; corner++) {
+    double origin[3];
+    memcpy(origin, self->corner, sizeof origin);
+    add_scaled(origin, self->edge_u, 0.5 + 0.5 * (corner & 1) / self->u_count);
+    add_scaled(origin, self->edge_v, 0.5 + 0.25 * (corner & 2) / self->v_count);
+    add_scaled(origin, normal, surface_ray_start(self));
+    printf("<%.10g,%.10g,%.10g>\n", origin[0], origin[1], origin[2]);
+  }
+}
+
 static void write_planar_camera(const surface *self, const slice *slices, uint32_t slice_count,
-                                uint32_t rays) {
+                                uint32_t rays, bool fogged) {
   uint32_t width = self->u_count * rays + 1, height = self->v_count * slice_count + 1;
-  uint32_t tile_count = slice_count * rays;
+  uint32_t tile_count = slice_count * rays + fogged;
   double uv[SAMPLE_MAX_RAYS][2], stn[SAMPLE_MAX_RAYS][3], direction[3];
   double start = surface_ray_start(self);
   sample_texel_offsets(rays, uv);
@@ -91,6 +109,7 @@ static void write_planar_camera(const surface *self, const slice *slices, uint32
   frame_of_vertex(&self->vertices[0], &at);
 
   printf("#declare Slf_Tiles = mesh2 {\nvertex_vectors { %u\n", 4 * tile_count);
+  if (fogged) write_first_tile_vertices(self);
   for (uint32_t k = 0; k < slice_count; k++) {
     slice_directions(self, slices[k], rays, stn);
     for (uint32_t m = 0; m < rays; m++) {
@@ -99,6 +118,7 @@ static void write_planar_camera(const surface *self, const slice *slices, uint32
     }
   }
   printf("}\nnormal_vectors { %u\n", tile_count);
+  if (fogged) printf("<%.10g,%.10g,%.10g>\n", -at.normal[0], -at.normal[1], -at.normal[2]);
   for (uint32_t k = 0; k < slice_count; k++) {
     slice_directions(self, slices[k], rays, stn);
     for (uint32_t m = 0; m < rays; m++) {
@@ -107,6 +127,9 @@ static void write_planar_camera(const surface *self, const slice *slices, uint32
     }
   }
   printf("}\nuv_vectors { %u\n", 4 * tile_count);
+  /* Row 0 is looked up at y = 0.5, row 1 at y = 1; the first tile that has the place is taken. */
+  for (int corner = 0; corner < 4 && fogged; corner++)
+    printf("<%d,%.12g>\n", corner & 1, 1 - (corner & 2 ? 0.75 : 0.25) / height);
   for (uint32_t k = 0; k < slice_count; k++) {
     for (uint32_t m = 0; m < rays; m++) {
       for (int corner = 0; corner < 4; corner++) {
@@ -200,8 +223,9 @@ static void write_curved_camera(const surface *self, const slice *slices, uint32
 }
 
 int main(int argc, char **argv) {
-  if (argc != 6) {
-    fputs("usage: camera SURFACE.txt RAYTABLE SCENE.pov RAYS CHUNK > CHUNK.pov\n", stderr);
+  if (argc != 6 && argc != 8) {
+    fputs("usage: camera SURFACE.txt RAYTABLE SCENE.pov RAYS CHUNK [FOG_DISTANCE FOG_GREY] > CHUNK.pov\n",
+          stderr);
     return 2;
   }
   uint32_t rays = (uint32_t)atoi(argv[4]), slice_count;
@@ -214,8 +238,9 @@ int main(int argc, char **argv) {
   printf("// +W%u +H%u\n", self->planar ? self->u_count * rays + 1 : self->u_count,
          self->v_count * range.count + 1);
   printf("#version 3.7;\n#declare Slf_Pass = 3;\n#include \"%s\"\n", argv[3]);
+  if (argc == 8) printf("fog { fog_type 1 distance %s rgb %s }\n", argv[6], argv[7]);
   if (self->planar) {
-    write_planar_camera(self, slices + range.first, range.count, rays);
+    write_planar_camera(self, slices + range.first, range.count, rays, argc == 8);
   } else {
     float *table = read_rays(argv[2], self, rays);
     write_curved_camera(self, slices + range.first, range.count, rays, table);

@@ -20,7 +20,9 @@ static void check(slf_result result, const slf_error *error) {
   if (result != SLF_OK) fail("%s", error->message);
 }
 
-/* Where the encoder reads slices: the chunks of one surface, one of them open at a time. */
+/* Where the encoder reads slices: the chunks of one surface, one of them open at a time. A chunk of
+ * a surface with layers has for each slice its own radiance, what it reflects, and heights, below
+ * each other (layers.c). */
 typedef struct {
   const char *folder;
   const surface *self;
@@ -28,7 +30,12 @@ typedef struct {
   uint32_t *place; /* s_count x t_count: place of a slice among those that exist */
   image *chunk;
   uint32_t chunk_index;
+  uint32_t part, part_count; /* of a slice: which is read, of how many */
+  uint32_t step;             /* one texel of `step` x `step` is read */
+  float height_unit;         /* above 0: heights, not radiance */
 } slice_reader;
+
+enum { PART_OWN, PART_REFLECTED, PART_HEIGHT, PART_COUNT };
 
 static void open_chunk(slice_reader *reader, uint32_t chunk_index) {
   if (reader->chunk && reader->chunk_index == chunk_index) return;
@@ -37,10 +44,24 @@ static void open_chunk(slice_reader *reader, uint32_t chunk_index) {
   reader->chunk = image_open(path);
   reader->chunk_index = chunk_index;
   if (image_width(reader->chunk) != reader->self->u_count ||
-      image_height(reader->chunk) % reader->self->v_count)
+      image_height(reader->chunk) % (reader->self->v_count * reader->part_count))
     fail("%s: %u x %u texels, expected slices of %u x %u", path, image_width(reader->chunk),
          image_height(reader->chunk), reader->self->u_count, reader->self->v_count);
   free(path);
+}
+
+/* Heights as grey of the height's code. One of step x step texels stands for them all, not their mean:
+ * between a thing and what is behind it there is nothing. */
+static void read_heights(slice_reader *reader, uint32_t first_row, float *rgb) {
+  uint32_t u_count = reader->self->u_count, step = reader->step;
+  float *row = allocate((size_t)u_count * 3, sizeof *row, reader->self->name);
+  for (uint32_t y = step / 2; y < reader->self->v_count; y += step) {
+    image_read_rows(reader->chunk, first_row + y, 1, row);
+    for (uint32_t x = step / 2; x < u_count; x += step, rgb += 3)
+      rgb[0] = rgb[1] = rgb[2] =
+          slf_linear_from_srgb(slf_code_from_height(row[3 * x], reader->height_unit));
+  }
+  free(row);
 }
 
 static slf_result read_slice(void *context, uint32_t s, uint32_t t, float *rgb, slf_error *error) {
@@ -49,15 +70,22 @@ static slf_result read_slice(void *context, uint32_t s, uint32_t t, float *rgb, 
   const surface *self = reader->self;
   uint32_t place = reader->place[t * self->s_count + s];
   open_chunk(reader, place / reader->slices_per_chunk);
-  image_read_rows(reader->chunk, place % reader->slices_per_chunk * self->v_count, self->v_count,
-                  rgb);
+  uint32_t first = place % reader->slices_per_chunk * reader->part_count + reader->part;
+  if (reader->height_unit > 0)
+    read_heights(reader, first * self->v_count, rgb);
+  else
+    image_read_rows(reader->chunk, first * self->v_count, self->v_count, rgb);
   return SLF_OK;
 }
 
-static slice_reader open_slices(const char *folder, const surface *self, uint32_t rays) {
+static slice_reader open_slices(const char *folder, const surface *self, uint32_t rays,
+                                uint32_t part) {
   slice_reader reader = {
       .folder = folder,
       .self = self,
+      .part = part,
+      .part_count = surface_has_layers(self) ? PART_COUNT : 1,
+      .step = 1,
       .slices_per_chunk = surface_slices_per_chunk(self, rays),
       .place = allocate((size_t)self->s_count * self->t_count, sizeof *reader.place, self->name)};
   uint32_t slice_count;
@@ -105,7 +133,7 @@ static void write_geometry(const surface *self) {
 
 static void write_layer(const char *folder, const surface *self, uint32_t rays) {
   slf_error error;
-  slice_reader reader = open_slices(folder, self, rays);
+  slice_reader reader = open_slices(folder, self, rays, 0);
   slf_source source = {.read_slice = read_slice, .context = &reader};
   slf_layer_options options = {.role = SLF_ROLE_FULL,
                                .curve = SLF_CURVE_SRGB,
@@ -118,6 +146,34 @@ static void write_layer(const char *folder, const surface *self, uint32_t rays) 
   check(slf_writer_add_layer(writer, &options, &source, &error), &error);
   image_close(reader.chunk);
   free(reader.place);
+}
+
+static double envn(const char *n, double d) { return getenv(n) ? atof(getenv(n)) : d; }
+static void write_part(const char *folder, const surface *self, uint32_t rays, uint32_t part, uint32_t step, float quality) {
+  slf_error error;
+  slice_reader reader = open_slices(folder, self, rays, part);
+  reader.step = step;
+  reader.height_unit = part == PART_HEIGHT ? (float)(self->layers*envn("HU",1)) : 0;
+  slf_source source = {.read_slice = read_slice, .context = &reader};
+  slf_layer_options options = {.role = SLF_ROLE_OWN + part,
+                               .curve = SLF_CURVE_SRGB,
+                               .angular = getenv("ANG") ? atoi(getenv("ANG")) : SLF_ANGULAR_NONE,
+                               .u_count = self->u_count/step,
+                               .v_count = self->v_count/step,
+                               .s_count = self->s_count,
+                               .t_count = self->t_count,
+                               .quality = quality,
+                               .height_unit = reader.height_unit};
+  check(slf_writer_add_layer(writer, &options, &source, &error), &error);
+  image_close(reader.chunk);
+  free(reader.place);
+}
+
+
+static void write_layers(const char *folder, const surface *self, uint32_t rays) {
+  write_part(folder, self, rays, PART_OWN, 1, envn("QC",90));
+  write_part(folder, self, rays, PART_REFLECTED, 1, envn("QC", 90));
+  write_part(folder, self, rays, PART_HEIGHT, envn("HSTEP",1), envn("QH",90));
 }
 
 /* name lx ly lz ax ay az angle_deg, one view a line; # begins a comment. */
@@ -155,7 +211,10 @@ int main(int argc, char **argv) {
   if (argc == 5) write_views(argv[3]);
   for (uint32_t i = 0; i < whole->surface_count; i++) {
     write_geometry(&whole->surfaces[i]);
-    write_layer(folder, &whole->surfaces[i], rays);
+    if (surface_has_layers(&whole->surfaces[i]))
+      write_layers(folder, &whole->surfaces[i], rays);
+    else
+      write_layer(folder, &whole->surfaces[i], rays);
   }
   slf_result finished = slf_writer_finish(writer, &error);
   writer = NULL; /* freed either way */

@@ -57,8 +57,8 @@ static bool read_vector(FILE *file, double vector[3]) {
 static void read_surface(FILE *file, const char *path, scene *self) {
   surface new = {0};
   int wrap_u, wrap_v;
-  if (fscanf(file, "%63s %u %u %u %u %d %d", new.name, &new.u_count, &new.v_count, &new.s_count,
-             &new.t_count, &wrap_u, &wrap_v) != 7)
+  if (fscanf(file, "%63s %u %u %u %u %d %d %lf", new.name, &new.u_count, &new.v_count, &new.s_count,
+             &new.t_count, &wrap_u, &wrap_v, &new.layers) != 8)
     fail("%s: surface '%s': incomplete", path, new.name);
   check_surface(path, self, &new);
   if (self->surface_count == SLF_MAX_SURFACES)
@@ -115,6 +115,10 @@ const surface *scene_find(const scene *self, const char *name) {
   for (uint32_t i = 0; i < self->surface_count; i++)
     if (!strcmp(self->surfaces[i].name, name)) return &self->surfaces[i];
   return NULL;
+}
+
+bool surface_has_layers(const surface *self) {
+  return self->layers > 0 && self->s_count * self->t_count > 1;
 }
 
 slice *surface_slices(const surface *self, uint32_t *slice_count) {

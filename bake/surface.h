@@ -1,7 +1,7 @@
 /* surface.h - the surfaces that a scene names, and how their rays are cut into chunks.
  *
  * The describe pass of slf.inc writes one text file for a scene:
- *   surface NAME TEXELS_U TEXELS_V DIRECTIONS_S DIRECTIONS_T WRAP_U WRAP_V
+ *   surface NAME TEXELS_U TEXELS_V DIRECTIONS_S DIRECTIONS_T WRAP_U WRAP_V LAYERS
  *   planar CORNER EDGE_U EDGE_V          (only if P(U,V) = corner + U edge_u + V edge_v)
  *   grid COLUMNS ROWS                    then as many vertices, row by row:
  *   POSITION NORMAL TANGENT_U TANGENT_V U V
@@ -21,6 +21,7 @@ typedef struct {
   uint32_t u_count, v_count; /* texels */
   uint32_t s_count, t_count; /* directions; 1 x 1: matte */
   uint32_t flags;            /* SLF_SURFACE_... */
+  double layers;             /* 0: one layer; else about how far away what it reflects is */
   bool planar;
   double corner[3], edge_u[3], edge_v[3]; /* of a planar surface */
   uint32_t column_count, row_count;       /* of the mesh */
@@ -42,6 +43,9 @@ const surface *scene_find(const scene *, const char *name);
 typedef struct {
   uint16_t s, t;
 } slice;
+
+/* Whether it is baked as layers: layers.c. */
+bool surface_has_layers(const surface *);
 
 /* The slices of a surface that exist, t by t and s by s: the order in which they are cut into
  * chunks. The caller frees the list. */

@@ -50,3 +50,14 @@ float slf_linear_from_srgb(uint8_t code) {
   double x = code / 255.0;
   return (float)(x <= 0.04045 ? x / 12.92 : pow((x + 0.055) / 1.055, 2.4));
 }
+
+uint8_t slf_code_from_height(float height, float height_unit) {
+  float code = 256 * height / (height + height_unit);
+  if (isinf(height)) code = 256;
+  if (!(code > 0)) return 0;
+  return (uint8_t)fminf(code + 0.5f, 255);
+}
+
+float slf_height_from_code(uint8_t code, float height_unit) {
+  return height_unit * (float)code / (float)(256 - code);
+}

@@ -647,6 +647,7 @@ static slf_result put_header(const layer_state *layer, encoded_layer *encoded, c
   put_u32(b + 12, p->s_count);
   put_u32(b + 16, p->t_count);
   put_f32(b + 20, p->quality);
+  put_f32(b + 28, p->height_unit);
   for (int channel = 0; channel < 3; channel++)
     for (int k = 0; k < COEFFICIENTS; k++)
       put_u16(b + 32 + 2 * (channel * COEFFICIENTS + k), layer->steps[channel][slf_zigzag[k]]);
@@ -678,6 +679,9 @@ static slf_result check_options(const slf_layer_options *o, const char *name, sl
   if (!(o->quality >= 1 && o->quality <= 100))
     return slf_fail(error, SLF_ERROR_ARGUMENT, "%s: quality %g, expected 1 to 100", name,
                     o->quality);
+  if ((o->role == SLF_ROLE_HEIGHT) != (o->height_unit > 0) || !isfinite(o->height_unit))
+    return slf_fail(error, SLF_ERROR_ARGUMENT, "%s: a height unit of %g for role %d", name,
+                    o->height_unit, o->role);
   if (o->curve != SLF_CURVE_SRGB)
     return slf_fail(error, SLF_ERROR_ARGUMENT, "%s: curve %d is not known", name, o->curve);
   return SLF_OK;
@@ -714,7 +718,8 @@ slf_result encode_layer(const slf_layer_options *options, const slf_source *sour
                                 .v_count = options->v_count,
                                 .s_count = options->s_count,
                                 .t_count = options->t_count,
-                                .quality = options->quality};
+                                .quality = options->quality,
+                                .height_unit = options->height_unit};
   e->layer.gains[STREAM_BASE] = options->angular == SLF_ANGULAR_IDENTICAL ? FINE : 1;
   e->layer.gains[STREAM_KEYS] = 2;
   e->layer.gains[STREAM_REST] = FINE;

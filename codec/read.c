@@ -239,8 +239,10 @@ static slf_result read_fixed(layer_reader *r, slf_error *error) {
   p->s_count = get_u32(b + 12);
   p->t_count = get_u32(b + 16);
   p->quality = get_f32(b + 20);
-  if (b[0] > SLF_ROLE_REFLECTED || b[1] > SLF_CURVE_DWA || b[2] > SLF_ANGULAR_LAYERED || b[3] ||
-      !isfinite(p->quality))
+  p->height_unit = get_f32(b + 28);
+  if (b[0] > SLF_ROLE_HEIGHT || b[1] > SLF_CURVE_DWA || b[2] > SLF_ANGULAR_LAYERED || b[3] ||
+      !isfinite(p->quality) || !isfinite(p->height_unit) ||
+      (b[0] == SLF_ROLE_HEIGHT) != (p->height_unit > 0))
     return slf_fail(error, SLF_ERROR_FORMAT, "%s: role %u, curve %u, angular %u", r->name, b[0],
                     b[1], b[2]);
   if (p->u_count - 1 >= SLF_MAX_TEXELS || p->v_count - 1 >= SLF_MAX_TEXELS ||

@@ -78,11 +78,15 @@ enum {
 
 /* ---- Layers ---------------------------------------------------------------------------------- */
 
-/* What a layer's radiance is. A surface's radiance is the sum of its layers. */
+/* What a layer holds. A surface's radiance is the sum of its layers of radiance. */
 typedef enum {
   SLF_ROLE_FULL = 0,     /* all of it: the paper's way */
   SLF_ROLE_OWN = 1,      /* diffuse, highlight, emission */
-  SLF_ROLE_REFLECTED = 2 /* what it reflects or refracts */
+  SLF_ROLE_REFLECTED = 2, /* what it reflects or refracts */
+  /* Not radiance: for the reflected layer before it, of which it has the directions and the shape of
+   * the texels, the height over the surface's tangent plane of what each sample reflects:
+   * height_unit * c / (256 - c) scene units for the stored code c. */
+  SLF_ROLE_HEIGHT = 3
 } slf_role;
 
 /* How radiance is stored. */
@@ -112,6 +116,7 @@ typedef struct {
   uint64_t payload_nbytes;   /* C-Blocks */
   uint64_t index_nbytes;     /* what finds them, tables included */
   float quality;             /* as asked of the encoder */
+  float height_unit;         /* of SLF_ROLE_HEIGHT, scene units; else 0 */
 } slf_layer;
 
 typedef struct {
@@ -132,6 +137,9 @@ typedef struct {
 
 /* ---- Directions (eq. 1) ----------------------------------------------------------------------- */
 
+/* The baker sees slices that have less n from n = SLF_BAKED_N_MIN: see slf_direction. */
+#define SLF_BAKED_N_MIN 0.02
+
 /* Whether slice (s_index, t_index) is stored: whether a four-tap mix at some (S,T) inside the unit
  * circle can read it, that is, whether the square of two cells' side around its centre meets the
  * circle. A layer of one slice has it. */
@@ -144,6 +152,11 @@ void slf_direction(double S, double T, double n_min, double direction[3]);
 /* Linear radiance to the stored 8-bit code of SLF_CURVE_SRGB and back; NaN gives 0. */
 uint8_t slf_srgb_from_linear(float radiance);
 float slf_linear_from_srgb(uint8_t code);
+
+/* The code of a height (SLF_ROLE_HEIGHT) and back; half of the codes are below height_unit. Negative
+ * heights and NaN give 0, infinity gives 255. */
+uint8_t slf_code_from_height(float height, float height_unit);
+float slf_height_from_code(uint8_t code, float height_unit);
 
 /* ---- Reading ----------------------------------------------------------------------------------- */
 
@@ -209,6 +222,7 @@ typedef struct {
   slf_angular angular;
   uint32_t u_count, v_count, s_count, t_count;
   float quality;         /* 1 (small) .. 100 (exact to about a code value) */
+  float height_unit;     /* of SLF_ROLE_HEIGHT, scene units, above 0; else 0 */
   uint32_t thread_count; /* 0: as many as there are processors */
 } slf_layer_options;
 

@@ -40,7 +40,7 @@ static int wrong_usage(const char *what, const char *word) {
  */
 
 static const char *layer_role(const slf_layer *layer) {
-  static const char *names[] = {"full", "own", "reflected"};
+  static const char *names[] = {"full", "own", "reflected", "height"};
   return names[layer->role];
 }
 

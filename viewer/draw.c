@@ -27,6 +27,7 @@ typedef struct {
 
 struct drawing {
   const slf_file *file;
+  drawing_mix mix;
   block_cache *cache;
   drawn_surface *surfaces;
   uint32_t surface_count;
@@ -226,6 +227,25 @@ static slf_result create_water(drawing *d, uint32_t index, slf_error *error) {
                       error);
 }
 
+/* Whether a layer is what a flat surface reflects, with its heights. */
+static bool has_depth(const slf_surface *surface, uint32_t k, float scale[4]) {
+  const slf_layer *shape = &surface->layers[k];
+  return shape->role == SLF_ROLE_REFLECTED && k + 1 < surface->layer_count &&
+         shape[1].role == SLF_ROLE_HEIGHT && shape[1].s_count == shape->s_count &&
+         shape[1].t_count == shape->t_count &&
+         flat_texel_scale(&surface->mesh, shape->u_count, shape->v_count, scale);
+}
+
+static bool create_depth_mixer(drawing *d, uint32_t index, uint32_t k, const slf_layer *drawn,
+                               const float scale[4]) {
+  const slf_layer *shape = &slf_get_surface(d->file, index)->layers[k];
+  texture *x = &d->surfaces[index].layers[k].texels;
+  x->depth = depth_mixer_create(shape, block_cache_layer(d->cache, index, k), shape + 1,
+                                block_cache_layer(d->cache, index, k + 1), scale, drawn->u_count,
+                                drawn->v_count);
+  return x->depth;
+}
+
 static bool create_surface(drawing *d, uint32_t index, uint32_t dice_px) {
   const slf_surface *surface = slf_get_surface(d->file, index);
   drawn_surface *s = &d->surfaces[index];
@@ -235,16 +255,22 @@ static bool create_surface(drawing *d, uint32_t index, uint32_t dice_px) {
   for (uint32_t k = 0; k < surface->layer_count; k++) {
     const slf_layer *shape = &surface->layers[k];
     drawn_layer *layer = &s->layers[k];
+    if (shape->role == SLF_ROLE_HEIGHT) continue;
     create_texture(layer, surface);
     layer->matte = shape->s_count == 1 && shape->t_count == 1;
     if (layer->matte) {
       if (!upload_matte(d, index, k, shape)) return false;
       continue;
     }
-    if (!texture_create(&layer->texels, &surface->mesh, shape,
+    slf_layer drawn = *shape; /* its texels */
+    float scale[4];
+    bool by_depth = d->mix == MIX_DEPTH && has_depth(surface, k, scale);
+    if (by_depth && !(surface->flags & SLF_SURFACE_WATER)) drawn.u_count *= 2, drawn.v_count *= 2;
+    if (!texture_create(&layer->texels, &surface->mesh, &drawn,
                         block_cache_layer(d->cache, index, k), dice_px))
       return false;
     upload_nothing(&layer->texels);
+    if (by_depth && !create_depth_mixer(d, index, k, &drawn, scale)) return false;
   }
   return true;
 }
@@ -277,6 +303,7 @@ slf_result drawing_create(const slf_file *file, drawing_options options, drawing
   drawing *d = calloc(1, sizeof *d);
   if (!d) return fail(error, SLF_ERROR_MEMORY, "out of memory");
   d->file = file;
+  d->mix = options.mix;
   slf_result result = link_program(d, error);
   if (result != SLF_OK) goto refused;
   result = SLF_ERROR_MEMORY;
@@ -373,7 +400,7 @@ slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int he
     const direction_bend bend = s->water ? water_begin_frame(s->water) : (direction_bend){0};
     for (uint32_t k = 0; k < s->layer_count; k++) {
       drawn_layer *layer = &s->layers[k];
-      if (layer->matte) continue;
+      if (layer->matte || layer->texture == 0) continue;
       texture_update(&layer->texels, &c, bend);
       if (s->water)
         water_finish_frame(s->water, layer->texels.levels[0].texels,
@@ -408,6 +435,7 @@ slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int he
     gl.BindVertexArray(s->vertex_array);
     /* Radiance is the sum of the layers: all but the first are added at equal depth. */
     for (uint32_t k = 0; k < s->layer_count && (k == 0 || mask_surface < 0); k++) {
+      if (s->layers[k].texture == 0) continue;
       if (k == 1) gl.Enable(GL_BLEND);
       gl.BindTexture(GL_TEXTURE_2D, s->layers[k].texture);
       gl.DrawElements(GL_TRIANGLES, s->index_count, GL_UNSIGNED_INT, NULL);

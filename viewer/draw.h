@@ -10,8 +10,12 @@
 
 typedef struct drawing drawing;
 
+/* How light fields that have depth are mixed; those without are always mixed from four taps. */
+typedef enum { MIX_DEPTH, MIX_FOUR_TAP } drawing_mix;
+
 typedef struct {
   size_t cache_blocks; /* N of the block cache */
+  drawing_mix mix;
   uint32_t dice_px;
 } drawing_options;
 

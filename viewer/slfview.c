@@ -36,6 +36,8 @@ static const char help[] =
     "                      %04d, which becomes 0 to N-1\n"
     "  --fps F             such pictures a second of water time (default 30)\n"
     "  --mask SURFACE      paint that surface white and everything else black\n"
+    "  --mix NAME          depth (default): reflections that know how far away things are are mixed\n"
+    "                      where the slices see the same point; four-tap: always the paper's way\n"
     "  --dice N            polygons are diced to N texels (default 8)\n"
     "  -h, --help          this text\n"
     "\n"
@@ -123,7 +125,8 @@ static int read_options(int argc, char **argv, options *o) {
     RIPPLES,
     FRESNEL,
     FRAMES,
-    FPS
+    FPS,
+    MIX
   };
   static const struct option known[] = {{"output", required_argument, NULL, OUTPUT},
                                         {"size", required_argument, NULL, SIZE},
@@ -137,6 +140,7 @@ static int read_options(int argc, char **argv, options *o) {
                                         {"fresnel", no_argument, NULL, FRESNEL},
                                         {"frames", required_argument, NULL, FRAMES},
                                         {"fps", required_argument, NULL, FPS},
+                                        {"mix", required_argument, NULL, MIX},
                                         {"dice", required_argument, NULL, DICE},
                                         {"help", no_argument, NULL, 'h'},
                                         {NULL, 0, NULL, 0}};
@@ -197,6 +201,11 @@ static int read_options(int argc, char **argv, options *o) {
     case SAMPLES:
       if (!read_count(optarg, 1, 64, &count)) return misuse("samples", optarg, "1 to 64");
       o->samples = (int)count;
+      break;
+    case MIX:
+      if (strcmp(optarg, "depth") && strcmp(optarg, "four-tap"))
+        return misuse("mix", optarg, "depth or four-tap");
+      o->drawing.mix = optarg[0] == 'd' ? MIX_DEPTH : MIX_FOUR_TAP;
       break;
     case DICE:
       if (!read_count(optarg, 1, SLF_MAX_TEXELS, &count))

@@ -128,8 +128,11 @@ void texture_update(texture *x, const camera *c, direction_bend bend) {
       bool shows = block_view_directions(x, block, &d);
       if (shows) {
         if (bend.bend) bend.bend(bend.context, block_u, block_v, &d);
-        resample_block(x->resampler, block_u, block_v, &d, block_texels(x, block_u, block_v),
-                       x->levels[0].row_nbytes);
+        uint16_t *texels = block_texels(x, block_u, block_v);
+        if (x->depth)
+          depth_mix_block(x->depth, block_u, block_v, &d, texels, x->levels[0].row_nbytes);
+        else
+          resample_block(x->resampler, block_u, block_v, &d, texels, x->levels[0].row_nbytes);
         x->made_count++;
       } else if (x->made[block]) {
         clear_block(x, block_u, block_v);
@@ -186,6 +189,7 @@ bool texture_create(texture *x, const slf_mesh *mesh, const slf_layer *layer, bl
 void texture_free(texture *x) {
   uv_mesh_free(&x->mesh);
   resampler_free(x->resampler);
+  depth_mixer_free(x->depth);
   for (uint32_t i = 0; i < x->level_count; i++) free(x->levels[i].texels);
   free(x->made);
   free(x->s);

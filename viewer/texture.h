@@ -11,6 +11,7 @@
 #define TEXTURE_H
 
 #include "camera.h"
+#include "depth_mix.h"
 #include "mipmap.h"
 #include "resample.h"
 #include "uv_mesh.h"
@@ -26,6 +27,7 @@ typedef struct {
   uv_mesh mesh;
   slf_mesh surface_mesh; /* the caller's, not diced */
   resampler *resampler;
+  depth_mixer *depth; /* mixes instead of the resampler, if not NULL; freed with the texture */
   /* R G B A in half floats, linear. Level 0 has rows and columns for whole blocks, 64 bytes a block
    * and row. */
   mipmap_level levels[MIPMAP_MAX_LEVELS];
