@@ -1,7 +1,7 @@
 /* encode.c - from slices to C-Blocks. */
 #include "codec/encode.h"
 
-#include "codec/decode.h"
+#include "codec/kernel.h"
 #include "codec/parallel.h"
 #include "codec/rate.h"
 
@@ -61,7 +61,7 @@ static void make_steps(layer_encoder *e) {
 /* ---- Coefficients -------------------------------------------------------------------------------
  */
 
-static void transform_texels(float rgb[COEFFICIENTS][3], coefficients c) {
+static void transform_texels(const kernel *k, float rgb[COEFFICIENTS][3], coefficients c) {
   float texels[3][COEFFICIENTS];
   for (int i = 0; i < COEFFICIENTS; i++) {
     float r = rgb[i][0], g = rgb[i][1], b = rgb[i][2];
@@ -69,7 +69,7 @@ static void transform_texels(float rgb[COEFFICIENTS][3], coefficients c) {
     texels[1][i] = -0.168735892f * r - 0.331264108f * g + 0.5f * b;
     texels[2][i] = 0.5f * r - 0.418687589f * g - 0.081312411f * b;
   }
-  for (int channel = 0; channel < 3; channel++) forward_dct(texels[channel], c[channel]);
+  for (int channel = 0; channel < 3; channel++) k->forward_dct(texels[channel], c[channel]);
 }
 
 /* Texel i of a place; beyond the slice's edge the edge repeats. */
@@ -88,7 +88,7 @@ static void transform_block(const layer_encoder *e, const uint8_t *slice, uint64
     const uint8_t *texel = slice + 3 * texel_index(&e->layer.public, place, i);
     for (int k = 0; k < 3; k++) rgb[i][k] = texel[k];
   }
-  transform_texels(rgb, c);
+  transform_texels(e->layer.kernel, rgb, c);
 }
 
 /* ---- Symbols ------------------------------------------------------------------------------------
@@ -236,11 +236,11 @@ static void search_shift(const block_site *site, uint32_t group, const coefficie
   const layer_state *layer = &site->encoder->layer;
   for (int y = -8; y <= 8; y += 8)
     for (int x = -8; x <= 8; x += 8) {
-      decode_shifted(layer, group, site->place, x, y, block);
+      layer->kernel->shifted(layer, group, site->place, x, y, block);
       for (int i = 0; i < COEFFICIENTS; i++) window[y + 8 + i / 8][x + 8 + i % 8] = block[0][i];
     }
   memcpy(luma, wanted[0], sizeof luma);
-  plain_inverse_dct(luma);
+  layer->kernel->plain_inverse_dct(luma);
   float best = FLT_MAX;
   for (int y = -MAX_SHIFT; y <= MAX_SHIFT; y++)
     for (int x = -MAX_SHIFT; x <= MAX_SHIFT; x++) {
@@ -275,16 +275,16 @@ static void choose_block(const block_site *site, const coefficients target, plac
   slf_angular angular = layer->public.angular;
   bool with_base = site->kind != STREAM_BASE && layer_has(layer, STREAM_BASE);
   if (with_base) {
-    decode_base(layer, site->place, fine);
+    layer->kernel->base(layer, site->place, fine);
     fine_to_coefficients(e, fine, predictions[PREDICT_BASE]);
     try_predictor(site, PREDICT_BASE, 0, 0, target, predictions[PREDICT_BASE], state, best);
   }
   if (site->kind == STREAM_REST && angular == SLF_ANGULAR_LAYERED) {
     uint32_t group = layer_group(layer, site->s, site->t);
-    decode_key(layer, group, site->place, fine);
+    layer->kernel->key(layer, group, site->place, fine);
     fine_to_coefficients(e, fine, predictions[PREDICT_KEY]);
     try_predictor(site, PREDICT_KEY, 0, 0, target, predictions[PREDICT_KEY], state, best);
-    decode_keys(layer, site->s, site->t, site->place, fine);
+    layer->kernel->keys(layer, site->s, site->t, site->place, fine);
     fine_to_coefficients(e, fine, predictions[PREDICT_KEYS]);
     try_predictor(site, PREDICT_KEYS, 0, 0, target, predictions[PREDICT_KEYS], state, best);
     if (state->has_previous) {
@@ -299,8 +299,9 @@ static void choose_block(const block_site *site, const coefficients target, plac
     search_shift(site, group, wanted, &du, &dv);
     if (du || dv) {
       float channels[3][COEFFICIENTS];
-      decode_shifted(layer, group, site->place, du, dv, channels);
-      for (int c = 0; c < 3; c++) forward_dct(channels[c], predictions[PREDICT_SHIFT][c]);
+      layer->kernel->shifted(layer, group, site->place, du, dv, channels);
+      for (int c = 0; c < 3; c++)
+        layer->kernel->forward_dct(channels[c], predictions[PREDICT_SHIFT][c]);
       add_coefficients(predictions[PREDICT_SHIFT], predictions[PREDICT_BASE]);
       try_predictor(site, PREDICT_SHIFT, du, dv, target, predictions[PREDICT_SHIFT], state, best);
     }
@@ -453,7 +454,7 @@ static void choose_run(layer_encoder *e, stream_kind kind, uint64_t counts[CODE_
     }
   unsigned log2 = 0;
   while (log2 < MAX_RUN_LOG2 && bits / (double)place_count * (1u << log2) < ENTRY_BITS) log2++;
-  layer_set_run(&e->layer, kind, 1u << log2);
+  layer_set_run(&e->layer, kind, log2);
 }
 
 static slf_result train(layer_encoder *e, training *tr, slf_error *error) {
@@ -493,7 +494,7 @@ static void transform_place(const unit_task *task, uint64_t place, coefficients 
     float rgb[COEFFICIENTS][3];
     for (uint32_t i = 0; i < COEFFICIENTS; i++)
       memcpy(rgb[i], task->mean + 3 * texel_index(&e->layer.public, place, i), sizeof rgb[i]);
-    transform_texels(rgb, blocks[0]);
+    transform_texels(e->layer.kernel, rgb, blocks[0]);
     return;
   }
   for (int i = 0; i < task->unit.slice_count; i++)
@@ -655,7 +656,7 @@ static slf_result put_header(const layer_state *layer, encoded_layer *encoded, c
     if (!layer_has(layer, kind)) continue;
     const layer_stream *stream = &layer->streams[kind];
     at[0] = (uint8_t)layer->gains[kind];
-    at[1] = (uint8_t)__builtin_ctz(stream->run_places);
+    at[1] = (uint8_t)stream->run_log2;
     unsigned used = 0;
     for (int i = 0; i < CODE_COUNT; i++)
       used |= (unsigned)(stream->codes.codes[i].symbol_count > 0) << i;

@@ -25,7 +25,7 @@ typedef enum { STREAM_BASE, STREAM_KEYS, STREAM_REST, STREAM_COUNT } stream_kind
 typedef struct {
   block_stream blocks;
   uint32_t unit_count;
-  uint32_t run_places; /* block places that an entry spans, a power of two */
+  uint32_t run_log2, run_places; /* block places that an entry spans, and their logarithm */
   uint64_t entries_per_unit;
   uint64_t payload_bits;
   block_codes codes;
@@ -38,11 +38,15 @@ static inline unsigned quad_place(uint32_t s, uint32_t t) {
   return (t & 1) ? 3 - (s & 1) : (s & 1);
 }
 
+typedef struct kernel kernel;
+
 typedef struct {
   slf_layer public;
-  uint16_t steps[3][COEFFICIENTS]; /* natural order */
+  const kernel *kernel;
+  uint16_t steps[3][COEFFICIENTS]; /* column-major */
   float scales[3][COEFFICIENTS];   /* of a fine level: steps and AAN's factors */
   uint32_t gains[STREAM_COUNT];    /* fine levels in a level of each stream */
+  uint8_t *slices;                 /* [t][s]: 1 where the slice exists */
   uint32_t quad_s_count, quad_t_count;
   uint32_t *quad_ranks; /* [t][s]: units before, and */
   uint8_t *quad_slices; /* [t][s]: bit quad_place(s, t) set where the rest has the slice */
@@ -77,7 +81,7 @@ static inline bool layer_has(const layer_state *layer, stream_kind kind) {
 
 /* Fills what follows from public's dimensions and angular: block counts, slices, units. */
 slf_result layer_make_units(layer_state *layer, const char *name, slf_error *error);
-void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_places);
+void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2);
 void layer_make_scales(layer_state *layer); /* from steps */
 slf_result layer_make_base(layer_state *layer, const char *name, slf_error *error);
 void layer_free(layer_state *layer);
@@ -89,6 +93,11 @@ typedef struct {
   int32_t weight;
 } key_tap;
 int layer_key_taps(const layer_state *layer, uint32_t s, uint32_t t, key_tap taps[4]);
+
+static inline bool layer_has_slice(const layer_state *layer, uint32_t s, uint32_t t) {
+  return s < layer->public.s_count && t < layer->public.t_count &&
+         layer->slices[t * layer->public.s_count + s];
+}
 
 static inline uint32_t layer_group(const layer_state *layer, uint32_t s, uint32_t t) {
   return t / GROUP_SIDE * layer->group_s_count + s / GROUP_SIDE;

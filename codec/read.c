@@ -1,5 +1,6 @@
 /* read.c - opening and checking a file. FORMAT.md, "Chunks". */
 #include "codec/file.h"
+#include "codec/kernel.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -287,7 +288,7 @@ static slf_result read_stream(layer_reader *r, stream_kind kind, slf_error *erro
                     kind, gain, run_log2, used);
   r->at += STREAM_HEADER_NBYTES;
   r->state->gains[kind] = gain;
-  layer_set_run(r->state, kind, 1u << run_log2);
+  layer_set_run(r->state, kind, run_log2);
   slf_result result = read_codes(r, stream, used, error);
   const chunk *blocks;
   if (result == SLF_OK)
@@ -474,13 +475,13 @@ static slf_result verify_unit(const layer_state *layer, stream_kind kind, uint32
   uint32_t number = 0;
   for (uint64_t place = 0; place < layer_place_count(layer); place++) {
     if (place % stream->run_places == 0) {
-      cursor.bit = stream_find(&stream->blocks,
-                               unit * stream->entries_per_unit + place / stream->run_places);
+      cursor.bit = layer->kernel->find(&stream->blocks, unit * stream->entries_per_unit +
+                                                            place / stream->run_places);
       entry_begin(&state);
       number = 0;
     }
     for (uint32_t i = 0; i < slice_count; i++)
-      if (!block_parse(stream->tables, &cursor, number++, i == 0, &state))
+      if (!layer->kernel->parse(stream->tables, &cursor, number++, i == 0, &state))
         return slf_fail(error, SLF_ERROR_FORMAT,
                         "%s: stream %d: block %" PRIu64 " of unit %u does not parse", name, kind,
                         place, unit);
@@ -495,7 +496,8 @@ static slf_result verify_layer(const slf_file *file, uint32_t surface_index, uin
   snprintf(name, sizeof name, "%s: surface %u, layer %u", file->name, surface_index, layer_index);
   slf_result result = SLF_OK;
   for (int kind = 0; kind < STREAM_COUNT && result == SLF_OK; kind++)
-    if (layer_has(layer, kind)) result = stream_check(&layer->streams[kind].blocks, name, error);
+    if (layer_has(layer, kind))
+      result = layer->kernel->check_stream(&layer->streams[kind].blocks, name, error);
   if (result == SLF_OK && layer_has(layer, STREAM_BASE))
     result = verify_unit(layer, STREAM_BASE, 0, 1, name, error);
   for (uint32_t i = 0; layer_has(layer, STREAM_KEYS) && result == SLF_OK &&
