@@ -7,6 +7,8 @@
 
 #include "viewer/half.h"
 
+const char *const water_display_names[WATER_DISPLAY_COUNT] = {"rippled", "split", "normals"};
+
 static float dot(const float a[3], const float b[3]) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
@@ -157,8 +159,8 @@ static bool add_obstacles(const slf_file *file, uint32_t water_index, const rect
 /* ---- Creation ----------------------------------------------------------------------------------
  */
 
-/* A wave crosses the pond's longer side in 4 s and has lost most of its energy on the way back;
- * waves of a few cells, which the grid carries badly, are gone within a second. */
+/* A wave crosses the pond's longer side in 5 s and has then lost two thirds of its energy; waves of
+ * a few cells, which the grid carries badly, are gone within a second. */
 static ripple_options pond_options(const rectangle *r, uint32_t cells) {
   const float longer = fmaxf(r->u_length, r->v_length), spacing = longer / (float)cells;
   const float u_cells = fmaxf(roundf(r->u_length / spacing), RIPPLE_MIN_CELLS);
@@ -168,8 +170,8 @@ static ripple_options pond_options(const rectangle *r, uint32_t cells) {
                           .u_length = r->u_length,
                           .v_length = r->v_length,
                           .step_s = 1.0f / 120,
-                          .wave_speed = longer / 4,
-                          .damping_per_s = 0.4f,
+                          .wave_speed = longer / 5,
+                          .damping_per_s = 0.2f,
                           .viscosity = 2 * spacing * spacing,
                           .height_limit = longer / 20,
                           .border = RIPPLE_REFLECTING};
@@ -195,8 +197,8 @@ slf_result water_create(const slf_file *file, uint32_t surface_index, uint32_t u
     return SLF_ERROR_ARGUMENT;
   }
   if (cells == 0) {
-    const uint32_t half = (u_count > v_count ? u_count : v_count) / 2;
-    cells = half < 64 ? 64 : half > 256 ? 256 : half;
+    cells = u_count > v_count ? u_count : v_count;
+    cells = cells < 64 ? 64 : cells > 256 ? 256 : cells;
   }
   water *w = calloc(1, sizeof *w);
   slf_result result = SLF_ERROR_MEMORY;
