@@ -17,6 +17,11 @@ build/tests/images/compare: build/obj/tests/images/compare.o
 	@mkdir -p $(@D)
 	$(CC) -o $@ $^ $(ALL_LDFLAGS) $(shell pkg-config --libs libpng) -lm
 
+# The viewer's ripples as a mesh for POV-Ray.
+build/tests/pond/water_mesh: build/obj/tests/pond/water_mesh.o $(VIEWER_CORE_OBJECTS) $(LIBSLF)
+	@mkdir -p $(@D)
+	$(CC) -o $@ $^ $(ALL_LDFLAGS) -lm
+
 # Small bakes that still mean something. The dull floor takes more rays than a preview: its facets
 # are noise that only rays average out.
 .PHONY: check-bakes

@@ -35,8 +35,16 @@ typedef struct {
   uint64_t below_count; /* of them, rays that would have gone below the horizon */
 } water_counts;
 
+/* P(u,v) = corner + u u_length along_u + v v_length along_v; along_u, along_v and normal are
+ * orthonormal. */
+typedef struct {
+  float corner[3], along_u[3], along_v[3], normal[3];
+  float u_length, v_length;
+} water_rectangle;
+
 typedef struct {
   ripple *pond;
+  water_rectangle rectangle;
   uint32_t u_count, v_count; /* texels */
   size_t stride;             /* floats from row to row of the planes below; rows are padded to 8 */
   float *slope_u, *slope_v;
