@@ -27,7 +27,7 @@ build/tests/pond/water_mesh: build/obj/tests/pond/water_mesh.o $(VIEWER_CORE_OBJ
 .PHONY: check-bakes
 check-bakes: all
 	$(MAKE) bake SCENE=floor NAME=check-floor RAYS=49
-	$(MAKE) bake SCENE=floor NAME=check-floor-mirror DECLARE=Mirror=1
+	$(MAKE) bake SCENE=floor NAME=check-floor-mirror QUALITY=paper RAYS=1 DECLARE="Mirror=1 Directions=32"
 
 .PHONY: unit-suites format
 unit-suites: $(UNIT_SUITES)
