@@ -19,7 +19,7 @@ $(OBJ)/bake/%.o: PKG_CFLAGS = $(shell pkg-config --cflags OpenEXR)
 all: $(BAKE_PROGRAMS)
 $(BAKE_PROGRAMS): $(OUT)/bake/%: $(OBJ)/bake/%.o $(BAKE_OBJECTS) $(LIBSLF)
 	@mkdir -p $(@D)
-	$(CC) $^ -o $@ $(ALL_LDFLAGS) $(filter -L% -lOpenEXRCore%,$(shell pkg-config --libs OpenEXR)) -lm
+	$(call say,link,$@)$(CC) $^ -o $@ $(ALL_LDFLAGS) $(filter -L% -lOpenEXRCore%,$(shell pkg-config --libs OpenEXR)) -lm
 
 # NAME may be an environment variable of somebody else's.
 NAME := $(if $(filter command line,$(origin NAME)),$(NAME),$(SCENE))
@@ -90,7 +90,7 @@ endif
 BAKE_CHECKERS := $(OUT)/tests/bake/exact
 $(BAKE_CHECKERS): $(OUT)/tests/bake/%: $(OBJ)/tests/bake/%.o $(BAKE_OBJECTS) $(LIBSLF)
 	@mkdir -p $(@D)
-	$(CC) $^ -o $@ $(ALL_LDFLAGS) $(filter -L% -lOpenEXRCore%,$(shell pkg-config --libs OpenEXR)) -lm
+	$(call say,link,$@)$(CC) $^ -o $@ $(ALL_LDFLAGS) $(filter -L% -lOpenEXRCore%,$(shell pkg-config --libs OpenEXR)) -lm
 unit-suites: $(BAKE_CHECKERS)
 $(OUT)/tests/unit/bake_sample: $(OBJ)/bake/sample.o
 $(OUT)/tests/unit/bake_image: $(addprefix $(OBJ)/bake/,image.o fail.o)

@@ -16,14 +16,14 @@ LIBSLF_OBJECTS += $(KERNEL_PARTS:%=$(OBJ)/codec/%.avx2.o)
 $(OBJ)/codec/kernel.o: PKG_CFLAGS = -DSLF_HAS_AVX2
 $(OBJ)/codec/%.avx2.o: codec/%.c $(OBJ)/flags | $(DEPS)
 	@mkdir -p $(@D)
-	$(CC) $(ALL_CFLAGS) -mavx2 -mbmi -mbmi2 -mpopcnt -DSLF_KERNEL_AVX2 -MMD -MP -c $< -o $@
+	$(call say,compile,$<)$(CC) $(ALL_CFLAGS) -mavx2 -mbmi -mbmi2 -mpopcnt -DSLF_KERNEL_AVX2 -MMD -MP -c $< -o $@
 endif
 
 $(LIBSLF): $(LIBSLF_OBJECTS)
-	rm -f $@ && $(AR) crs $@ $^
+	$(call say,archive,$@)rm -f $@ && $(AR) crs $@ $^
 
 $(OBJ)/codec/slf_command.o: PKG_CFLAGS = $(shell pkg-config --cflags libpng)
 $(SLF): $(OBJ)/codec/slf_command.o $(LIBSLF)
-	$(CC) $(ALL_LDFLAGS) $^ $(shell pkg-config --libs libpng) -lm -o $@
+	$(call say,link,$@)$(CC) $(ALL_LDFLAGS) $^ $(shell pkg-config --libs libpng) -lm -o $@
 
 all: $(LIBSLF) $(SLF)

@@ -8,19 +8,19 @@ TEST_LIBS = -lcmocka $(shell pkg-config --libs libpng libjpeg OpenEXR) -lm -ldl
 
 $(UNIT_SUITES): $(OUT)/tests/%: $(OBJ)/tests/%.o $(VIEWER_CORE_OBJECTS) $(LIBSLF) | $(CHECK_DEPS)
 	@mkdir -p $(@D)
-	$(CC) -o $@ $(filter %.o %.a,$^) $(ALL_LDFLAGS) $(TEST_LIBS)
+	$(call say,link,$@)$(CC) -o $@ $(filter %.o %.a,$^) $(ALL_LDFLAGS) $(TEST_LIBS)
 $(UNIT_SOURCES:%.c=$(OBJ)/%.o): PKG_CFLAGS = $(shell pkg-config --cflags OpenEXR libpng cmocka)
 $(UNIT_SOURCES:%.c=$(OBJ)/%.o): | $(CHECK_DEPS)
 
 # What the image suites measure with.
 build/tests/images/compare: build/obj/tests/images/compare.o
 	@mkdir -p $(@D)
-	$(CC) -o $@ $^ $(ALL_LDFLAGS) $(shell pkg-config --libs libpng) -lm
+	$(call say,link,$@)$(CC) -o $@ $^ $(ALL_LDFLAGS) $(shell pkg-config --libs libpng) -lm
 
 # The viewer's ripples as a mesh for POV-Ray.
 build/tests/pond/water_mesh: build/obj/tests/pond/water_mesh.o $(VIEWER_CORE_OBJECTS) $(LIBSLF)
 	@mkdir -p $(@D)
-	$(CC) -o $@ $^ $(ALL_LDFLAGS) -lm
+	$(call say,link,$@)$(CC) -o $@ $^ $(ALL_LDFLAGS) -lm
 
 # Small bakes that still mean something. The dull floor takes more rays than a preview: its facets
 # are noise that only rays average out.

@@ -14,11 +14,11 @@ $(OBJ)/viewer/context_egl.o: PKG_CFLAGS = $(shell pkg-config --cflags egl)
 $(OBJ)/viewer/context_osmesa.o: PKG_CFLAGS = $(shell pkg-config --cflags osmesa)
 
 $(OUT)/slfview: $(VIEWER_OBJECTS) $(LIBSLF)
-	$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lpng -ldl -lm -o $@.part && mv $@.part $@
+	$(call say,link,$@)$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lpng -ldl -lm -o $@.part && mv $@.part $@
 
 all: $(OUT)/slfview
 
 # Programs of tests/bench: they link what the unit tests link.
 $(OUT)/bench/%: $(OBJ)/tests/bench/%.o $(VIEWER_CORE_OBJECTS) $(LIBSLF)
 	@mkdir -p $(@D)
-	$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lm -o $@
+	$(call say,link,$@)$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lm -o $@
