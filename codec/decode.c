@@ -3,8 +3,7 @@
 
 #include <stdatomic.h>
 
-/* ---- Entries ------------------------------------------------------------------------------------
- */
+/* ---- Entries ------------------------------------------------------------------------------- */
 
 /* A block in a stream. */
 typedef struct {
@@ -57,8 +56,7 @@ static void read_block(entry_reader *r, const block_site *site) {
   read_up_to(r, site);
 }
 
-/* ---- Predictions --------------------------------------------------------------------------------
- */
+/* ---- Predictions --------------------------------------------------------------------------- */
 
 static inline int16_t wrap(uint32_t value) {
   return (int16_t)(uint16_t)value;
@@ -142,8 +140,7 @@ static void decode_keys(const layer_state *layer, uint32_t s, uint32_t t, uint64
   mix_keys(layer, s, t, place, &memo, fine);
 }
 
-/* ---- Shifts -------------------------------------------------------------------------------------
- */
+/* ---- Shifts -------------------------------------------------------------------------------- */
 
 static void key_difference(const layer_state *layer, uint32_t group, uint64_t place, key_memo *memo,
                            float channels[3][COEFFICIENTS]) {
@@ -189,8 +186,7 @@ static void decode_shifted(const layer_state *layer, uint32_t group, uint64_t pl
   shift_difference(layer, group, place, du, dv, &memo, channels);
 }
 
-/* ---- Blocks -------------------------------------------------------------------------------------
- */
+/* ---- Blocks -------------------------------------------------------------------------------- */
 
 /* What a run of blocks shares. */
 typedef struct {
@@ -330,8 +326,7 @@ static void decode_channels(const layer_state *layer, uint32_t s, uint32_t t, ui
   decode_at(&d, s, t, place, UINT64_MAX, NULL, channels);
 }
 
-/* ---- Batches ------------------------------------------------------------------------------------
- */
+/* ---- Batches ------------------------------------------------------------------------------- */
 
 /* How far ahead of decoding a block's index and bits are asked for: a miss takes some 80 ns, about
  * as long as a block; three dependent ones stand before the bits. */

@@ -3,8 +3,7 @@
 
 #include <inttypes.h>
 
-/* ---- Reading ------------------------------------------------------------------------------------
- */
+/* ---- Reading ------------------------------------------------------------------------------- */
 
 /* A segment: one byte low_bits, one byte high_nbytes, the low bits of the offsets of entries 1 ..,
  * packed from bit 0 up, filled to a byte; the high bits in unary, high_nbytes; then the payload. */

@@ -17,8 +17,7 @@
 #define SLF_KERNEL_NAME "plain C"
 #endif
 
-/* ---- Find: FORMAT.md, "Block streams" ----------------------------------------------------------
- */
+/* ---- Find: FORMAT.md, "Block streams" ------------------------------------------------------ */
 
 /* The bit, counted from stream->bytes, at which entry `entry` (< entry_count) begins; at most
  * 8 * (nbytes - STREAM_PAD_NBYTES), whatever the bytes. */
@@ -36,8 +35,7 @@ void stream_prefetch_directory(const block_stream *stream, uint64_t entry);
 #define stream_prefetch_segment KERNEL(stream_prefetch_segment)
 void stream_prefetch_segment(const block_stream *stream, uint64_t entry);
 
-/* ---- Parse: FORMAT.md, "C-Blocks" --------------------------------------------------------------
- */
+/* ---- Parse: FORMAT.md, "C-Blocks" ---------------------------------------------------------- */
 
 /* A position in a stream. */
 typedef struct {
@@ -51,8 +49,7 @@ typedef struct {
 bool block_parse(const block_tables *tables, bit_cursor *cursor, uint32_t number, bool first,
                  entry_state *state);
 
-/* ---- Transform ----------------------------------------------------------------------------------
- */
+/* ---- Transform ----------------------------------------------------------------------------- */
 
 /* Inverse transform of one channel: column-major coefficients times AAN's factors / 8, in place, to
  * row-major texels. */
@@ -82,8 +79,7 @@ void channels_to_codes(float channels[3][COEFFICIENTS], uint8_t *u_block);
 void levels_to_codes(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
                      const entry_state *state, uint32_t gain, uint8_t *u_block);
 
-/* ---- The table ----------------------------------------------------------------------------------
- */
+/* ---- The table ----------------------------------------------------------------------------- */
 
 typedef int16_t fine_block[3][COEFFICIENTS];
 

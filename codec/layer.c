@@ -2,6 +2,7 @@
 
 #include "codec/kernel.h"
 
+#include <math.h>
 #include <stdatomic.h>
 #include <stdlib.h>
 
@@ -81,6 +82,47 @@ void layer_make_scales(layer_state *layer) {
                                           slf_aan[i / 8] * slf_aan[i % 8] / 8);
 }
 
+void layer_set_curve(layer_state *layer) {
+  layer->level_shift = layer->public.curve == SLF_CURVE_DWA ? DWA_CODES / 2 : 128;
+}
+
+slf_result layer_make_linear(layer_state *layer, const char *name, slf_error *error) {
+  layer->linear = malloc(DWA_CODES * sizeof *layer->linear);
+  if (!layer->linear) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", name);
+  for (int code = 0; code < DWA_CODES; code++)
+    layer->linear[code] = linear_from_dwa((uint16_t)code);
+  return SLF_OK;
+}
+
+uint16_t dwa_from_linear(float radiance) {
+  if (!(radiance > 0)) return 0;
+  double x = fmin(radiance, 65504);
+  double curve = x <= 1 ? pow(x, 1 / 2.2) : log(x) / 2.2 + 1;
+  return (uint16_t)(curve * DWA_SCALE + 0.5);
+}
+
+float linear_from_dwa(uint16_t code) {
+  double curve = (double)code / DWA_SCALE;
+  return (float)(curve <= 1 ? pow(curve, 2.2) : exp(2.2 * (curve - 1)));
+}
+
+static uint16_t to_code(float value, float high) {
+  value = value > 0 ? value : 0;
+  value = value < high ? value : high;
+  return (uint16_t)(value + 0.5f);
+}
+
+void layer_codes(const layer_state *layer, float channels[3][COEFFICIENTS],
+                 uint16_t codes[COEFFICIENTS][3]) {
+  float high = layer->public.curve == SLF_CURVE_DWA ? DWA_CODES - 1 : 255;
+  for (int i = 0; i < COEFFICIENTS; i++) {
+    float luma = channels[0][i] + layer->level_shift, cb = channels[1][i], cr = channels[2][i];
+    codes[i][0] = to_code(luma + 1.402f * cr, high);
+    codes[i][1] = to_code(luma - 0.344136f * cb - 0.714136f * cr, high);
+    codes[i][2] = to_code(luma + 1.772f * cb, high);
+  }
+}
+
 slf_result layer_make_base(layer_state *layer, const char *name, slf_error *error) {
   uint64_t places = layer_place_count(layer);
   layer->base = calloc(places, sizeof *layer->base);
@@ -91,6 +133,7 @@ slf_result layer_make_base(layer_state *layer, const char *name, slf_error *erro
 }
 
 void layer_free(layer_state *layer) {
+  free(layer->linear);
   free(layer->slices);
   free(layer->quad_ranks);
   free(layer->quad_slices);

@@ -45,6 +45,8 @@ typedef struct {
   const kernel *kernel;
   uint16_t steps[3][COEFFICIENTS]; /* column-major */
   float scales[3][COEFFICIENTS];   /* of a fine level: steps and AAN's factors */
+  float level_shift;               /* what luma's codes are coded around */
+  float *linear;                   /* HDR: radiance of each code */
   uint32_t gains[STREAM_COUNT];    /* fine levels in a level of each stream */
   uint8_t *slices;                 /* [t][s]: 1 where the slice exists */
   uint32_t quad_s_count, quad_t_count;
@@ -82,9 +84,22 @@ static inline bool layer_has(const layer_state *layer, stream_kind kind) {
 /* Fills what follows from public's dimensions and angular: block counts, slices, units. */
 slf_result layer_make_units(layer_state *layer, const char *name, slf_error *error);
 void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2);
+void layer_set_curve(layer_state *layer); /* level_shift, from public's curve */
+slf_result layer_make_linear(layer_state *layer, const char *name, slf_error *error);
 void layer_make_scales(layer_state *layer); /* from steps */
 slf_result layer_make_base(layer_state *layer, const char *name, slf_error *error);
 void layer_free(layer_state *layer);
+
+/* Channels to codes R G B of 64 texels, clamped to what the curve has. */
+void layer_codes(const layer_state *layer, float channels[3][COEFFICIENTS],
+                 uint16_t codes[COEFFICIENTS][3]);
+
+/* The HDR curve (OpenEXR's DWA): x^(1/2.2) up to 1, 1 + ln(x) / 2.2 above; a half's largest value,
+ * 65504, is 6.041. In codes of 12 bits, 1 is DWA_SCALE. Fine levels must fit in 16 bits: 8 * 4095 /
+ * (step / FINE) does from DWA_LEAST_STEP on. */
+enum { DWA_SCALE = 677, DWA_CODES = 4096, DWA_LEAST_STEP = 4 };
+uint16_t dwa_from_linear(float radiance); /* NaN and below 0 give 0 */
+float linear_from_dwa(uint16_t code);
 
 /* The keys around a slice and their weights, which sum to 16: bilinear in the groups' centres, the
  * groups without a slice left out. Returns how many (1 .. 4). */

@@ -1,8 +1,7 @@
 /* parse.c - from the bits of a C-Block to levels. Compiled for each kernel: see kernel.h. */
 #include "codec/kernel.h"
 
-/* ---- Bits ---------------------------------------------------------------------------------------
- */
+/* ---- Bits ---------------------------------------------------------------------------------- */
 
 static inline uint64_t load_be64(const uint8_t *p) {
   uint64_t value;
@@ -58,8 +57,7 @@ static uint64_t reader_bit(const bit_reader *r, const bit_cursor *cursor) {
   return (uint64_t)(r->next - cursor->bytes) * 8 - (uint64_t)r->count;
 }
 
-/* ---- Symbols ------------------------------------------------------------------------------------
- */
+/* ---- Symbols ------------------------------------------------------------------------------- */
 
 static inline void add_level(int16_t *level, int32_t more) {
   *level = (int16_t)(uint16_t)((uint32_t)*level + (uint32_t)more);

@@ -12,8 +12,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-/* ---- Chunks -------------------------------------------------------------------------------------
- */
+/* ---- Chunks -------------------------------------------------------------------------------- */
 
 static const char *type_name(uint32_t type, char name[5]) {
   put_u32((uint8_t *)name, type);
@@ -101,8 +100,7 @@ static slf_result bad_size(const slf_file *file, const chunk *c, uint64_t expect
                   file->name, type_name(c->type, name), c->offset, c->nbytes, expected);
 }
 
-/* ---- Scene and meshes ---------------------------------------------------------------------------
- */
+/* ---- Scene and meshes ---------------------------------------------------------------------- */
 
 static bool get_name(const uint8_t *p, char name[SLF_NAME_NBYTES]) {
   memcpy(name, p, SLF_NAME_NBYTES);
@@ -214,8 +212,7 @@ static slf_result read_mesh(slf_file *file, uint32_t index, slf_error *error) {
   return SLF_OK;
 }
 
-/* ---- Layers -------------------------------------------------------------------------------------
- */
+/* ---- Layers -------------------------------------------------------------------------------- */
 
 /* A layer being read: its chunk's bytes are taken from the front. */
 typedef struct {
@@ -240,8 +237,9 @@ static slf_result read_fixed(layer_reader *r, slf_error *error) {
   p->s_count = get_u32(b + 12);
   p->t_count = get_u32(b + 16);
   p->quality = get_f32(b + 20);
+  p->psnr = get_f32(b + 24);
   if (b[0] > SLF_ROLE_REFLECTED || b[1] > SLF_CURVE_DWA || b[2] > SLF_ANGULAR_LAYERED || b[3] ||
-      !isfinite(p->quality))
+      !isfinite(p->quality) || !isfinite(p->psnr) || get_u32(b + 28))
     return slf_fail(error, SLF_ERROR_FORMAT, "%s: role %u, curve %u, angular %u", r->name, b[0],
                     b[1], b[2]);
   if (p->u_count - 1 >= SLF_MAX_TEXELS || p->v_count - 1 >= SLF_MAX_TEXELS ||
@@ -255,6 +253,7 @@ static slf_result read_fixed(layer_reader *r, slf_error *error) {
         return slf_fail(error, SLF_ERROR_FORMAT, "%s: a step of %u sixteenths", r->name, step);
       r->state->steps[channel][slf_zigzag[k]] = (uint16_t)step;
     }
+  layer_set_curve(r->state);
   layer_make_scales(r->state);
   r->at += LAYER_FIXED_NBYTES;
   return SLF_OK;
@@ -323,6 +322,8 @@ static slf_result read_layer(slf_file *file, uint32_t surface_index, uint32_t la
     if (layer_has(r.state, kind)) result = read_stream(&r, kind, error);
   if (result == SLF_OK && layer_has(r.state, STREAM_BASE))
     result = layer_make_base(r.state, r.name, error);
+  if (result == SLF_OK && r.state->public.curve == SLF_CURVE_DWA)
+    result = layer_make_linear(r.state, r.name, error);
   if (result == SLF_OK && r.at != r.end)
     result = slf_fail(error, SLF_ERROR_FORMAT, "%s: %td bytes too many", r.name, r.end - r.at);
   r.state->public.index_nbytes += c->nbytes;
@@ -345,8 +346,7 @@ static slf_result read_layers(slf_file *file, uint32_t index, slf_error *error) 
   return SLF_OK;
 }
 
-/* ---- Open and close -----------------------------------------------------------------------------
- */
+/* ---- Open and close ------------------------------------------------------------------------ */
 
 static slf_result read_all(slf_file *file, slf_error *error) {
   slf_result result = read_chunk_table(file, error);
@@ -436,8 +436,7 @@ void slf_close(slf_file *file) {
   free(file);
 }
 
-/* ---- What is in it ------------------------------------------------------------------------------
- */
+/* ---- What is in it ------------------------------------------------------------------------- */
 
 uint32_t slf_surface_count(const slf_file *file) {
   return file->surface_count;
@@ -463,8 +462,7 @@ uint64_t slf_file_nbytes(const slf_file *file) {
   return file->nbytes;
 }
 
-/* ---- Verify -------------------------------------------------------------------------------------
- */
+/* ---- Verify -------------------------------------------------------------------------------- */
 
 /* Every entry of a unit parses to its last block. */
 static slf_result verify_unit(const layer_state *layer, stream_kind kind, uint32_t unit,

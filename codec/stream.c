@@ -8,8 +8,7 @@ static uint64_t bytes_for_bits(uint64_t bits) {
   return (bits + 7) / 8;
 }
 
-/* ---- Writing ------------------------------------------------------------------------------------
- */
+/* ---- Writing ------------------------------------------------------------------------------- */
 
 /* Makes room for so many bits more, and zeroes it. */
 static bool reserve(bit_string *bits, uint64_t more) {

@@ -109,8 +109,7 @@ void forward_dct(const float texels[COEFFICIENTS], float coefficients[COEFFICIEN
   memcpy(coefficients, rows, sizeof rows);
 }
 
-/* ---- Levels -------------------------------------------------------------------------------------
- */
+/* ---- Levels -------------------------------------------------------------------------------- */
 
 /* Int16 arithmetic wraps: a damaged file may ask for anything. */
 typedef uint16_t word_lanes __attribute__((vector_size(16)));
