@@ -49,8 +49,8 @@ static slf_result read_slice(void *context, uint32_t s, uint32_t t, float *rgb, 
   const surface *self = reader->self;
   uint32_t place = reader->place[t * self->s_count + s];
   open_chunk(reader, place / reader->slices_per_chunk);
-  image_read_rows(reader->chunk, place % reader->slices_per_chunk * self->v_count, self->v_count,
-                  rgb);
+  image_read_rows(reader->chunk, "RGB", place % reader->slices_per_chunk * self->v_count,
+                  self->v_count, rgb);
   return SLF_OK;
 }
 
@@ -147,8 +147,7 @@ int main(int argc, char **argv) {
   slf_error error;
   const char *folder = argv[1];
   uint32_t rays = (uint32_t)atoi(argv[2]);
-  char *path = format_text("%s/scene.txt", folder);
-  scene *whole = scene_read(path);
+  scene *whole = scene_read(folder);
   atexit(abort_writer);
   check(slf_writer_create(argv[argc - 1], &writer, &error), &error);
   slf_writer_set_background(writer, whole->background);
@@ -160,7 +159,6 @@ int main(int argc, char **argv) {
   slf_result finished = slf_writer_finish(writer, &error);
   writer = NULL; /* freed either way */
   check(finished, &error);
-  free(path);
   scene_free(whole);
   return 0;
 }

@@ -27,11 +27,11 @@ static void rows_come_back(uint32_t width, uint32_t height) {
   assert_int_equal(image_height(back), height);
   for (uint32_t i = 0; i < height; i++) {
     uint32_t y = (i * 7 + 3) % height; /* out of order */
-    image_read_rows(back, y, 1, row);
+    image_read_rows(back, "RGB", y, 1, row);
     assert_memory_equal(row, rgb + (size_t)y * width * 3, width * 3 * sizeof *row);
   }
   float *all = malloc(count * sizeof *all);
-  image_read_rows(back, 0, height, all);
+  image_read_rows(back, "RGB", 0, height, all);
   assert_memory_equal(all, rgb, count * sizeof *rgb);
   image_close(back);
   free(all);
