@@ -2,14 +2,17 @@
  *
  * The error of N directions is that of mixing four of N x N slices instead of looking from the
  * direction asked for: the root mean square over texels and channels of displayed (sRGB) values,
- * the worst of the test directions. One texture's error is that of the view along the normal. The
- * smallest number whose error is at most the one asked for is chosen. */
+ * the worst of the test directions. One texture's error is that of the view along the normal. One
+ * texture is chosen where it does not vary, that is, by less than two codes of 255; else the
+ * smallest number of directions whose error is at most the one asked for; else the largest. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
 #include "fail.h"
 #include "probe.h"
+
+static const double one_texture_error = 2.0 / 255;
 
 static double displayed(double linear) {
   if (linear <= 0.0031308) return linear <= 0 ? 0 : 12.92 * linear;
@@ -73,7 +76,8 @@ int main(int argc, char **argv) {
                                next_error);
     free(figures);
     figures = longer;
-    if (error > self->auto_error) chosen = probe_candidates[i], error = next_error;
+    if (error > (chosen == 1 ? one_texture_error : self->auto_error))
+      chosen = probe_candidates[i], error = next_error;
   }
   fprintf(stderr, "bake: surface '%s': %s; %.4f asked: ", self->name, figures, self->auto_error);
   if (chosen == 1)
