@@ -155,7 +155,8 @@ static bool add_obstacles(const slf_file *file, uint32_t water_index, const wate
  */
 
 /* A wave crosses the pond's longer side in 5 s and has then lost two thirds of its energy; waves of
- * a few cells, which the grid carries badly, are gone within a second. */
+ * a few hundredths of the pond, which a grid carries badly, are gone within a second. All of it is
+ * told by the pond's size, not by the grid, so that a finer one shows the same water. */
 static ripple_options pond_options(const water_rectangle *r, uint32_t cells) {
   const float longer = fmaxf(r->u_length, r->v_length), spacing = longer / (float)cells;
   const float u_cells = fmaxf(roundf(r->u_length / spacing), RIPPLE_MIN_CELLS);
@@ -167,7 +168,7 @@ static ripple_options pond_options(const water_rectangle *r, uint32_t cells) {
                           .step_s = 1.0f / 120,
                           .wave_speed = longer / 5,
                           .damping_per_s = 0.2f,
-                          .viscosity = 2 * spacing * spacing,
+                          .viscosity = longer * longer / 8192,
                           .height_limit = longer / 20,
                           .border = RIPPLE_REFLECTING};
 }
