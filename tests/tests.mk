@@ -28,6 +28,7 @@ build/tests/pond/water_mesh: build/obj/tests/pond/water_mesh.o $(VIEWER_CORE_OBJ
 check-bakes: all
 	$(MAKE) bake SCENE=floor NAME=check-floor RAYS=49
 	$(MAKE) bake SCENE=floor NAME=check-floor-mirror QUALITY=paper RAYS=1 DECLARE="Mirror=1 Directions=32"
+	$(MAKE) bake SCENE=pond NAME=check-pond RAYS=1
 
 .PHONY: unit-suites format
 unit-suites: $(UNIT_SUITES)
@@ -37,7 +38,7 @@ build/clang.ok: $(wildcard codec/*.[ch] bake/*.[ch] viewer/*.[ch] tests/*/*.[ch]
 	$(MAKE) CC=clang CONFIG=debug all unit-suites
 	@touch $@
 
-check: all unit-suites build/clang.ok build/tests/images/compare check-bakes | $(CHECK_DEPS) ## Run all the tests, installing what they need
+check: all unit-suites build/clang.ok build/tests/images/compare build/tests/pond/water_mesh check-bakes | $(CHECK_DEPS) ## Run all the tests, installing what they need
 	$(MAKE) CONFIG=asan all unit-suites
 	@tests/run build/tap $(UNIT_SUITES) $(UNIT_SUITES:build/%=build/asan/%) $(SHELL_SUITES)
 
