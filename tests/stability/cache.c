@@ -154,7 +154,7 @@ static void every_texel_its_own_direction(void **state) {
   (void)state;
   static const size_t capacities[] = {65536, 0, 1, 4, 100};
   enum { FRAMES = 30, BLOCKS = 4 };
-  static uint8_t pictures[2][FRAMES * BLOCKS][SLF_BLOCK_NBYTES];
+  static mixed_block pictures[2][FRAMES * BLOCKS];
   for (size_t i = 0; i < sizeof capacities / sizeof *capacities; i++) {
     block_cache *cache = block_cache_create(file, capacities[i]);
     resampler *r = resampler_create(DIRECTIONS, DIRECTIONS, block_cache_layer(cache, 0, 0));
@@ -163,8 +163,8 @@ static void every_texel_its_own_direction(void **state) {
     for (uint32_t n = 0; n < FRAMES * BLOCKS; n++) {
       block_directions d = {.mask = ~(uint64_t)0};
       for (int k = 0; k < 64; k++) d.s[k] = any_01(), d.t[k] = any_01();
-      uint8_t *texels = pictures[i > 0][n];
-      resample_block(r, n % 2, n / 2 % 2, &d, texels, 32);
+      uint16_t *texels = pictures[i > 0][n].texels;
+      resample_block(r, n % 2, n / 2 % 2, &d, texels, MIXED_ROW_NBYTES);
       resample_flush(r);
       for (uint32_t k = 0; k < 64 && i == 0; k++) {
         double axes[3];
@@ -173,7 +173,7 @@ static void every_texel_its_own_direction(void **state) {
           const double truth =
               radiance((n % 2 * 8 + k % 8 + 0.5) / TEXELS, (n / 2 % 2 * 8 + k / 8 + 0.5) / TEXELS,
                        axes[0], axes[1], c);
-          const double error = slf_linear_from_srgb(texels[4 * k + (uint32_t)c]) - truth;
+          const double error = float_from_half(texels[4 * k + (uint32_t)c]) - truth;
           square_sum += error * error;
         }
         mix = fmax(mix, mix_error(&field, axes[0], axes[1]));

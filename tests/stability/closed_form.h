@@ -16,6 +16,7 @@
 #include <cmocka.h>
 
 #include "viewer/block_source.h"
+#include "viewer/half.h"
 
 /* L = 1/2 + a cos(w s + 0.7 c) cos(w t + 2 pi u + v) for channel c: periodic in u, within 0.3 ..
  * 0.7, |L_s|, |L_t| <= a w, |L_ss|, |L_tt| <= a w^2. */
@@ -41,6 +42,13 @@ static inline closed_form closed_form_make(uint32_t u_count, uint32_t v_count, u
   assert_non_null(f.blocks);
   return f;
 }
+
+/* A block as resample_block writes it. */
+typedef struct {
+  uint16_t texels[64 * 4]; /* R G B A, half floats */
+} mixed_block;
+
+enum { MIXED_ROW_NBYTES = 8 * 4 * sizeof(uint16_t) };
 
 static inline void closed_form_free(closed_form *f) {
   free(f->blocks);
@@ -73,10 +81,10 @@ static inline block_source closed_form_source(closed_form *f) {
   return (block_source){fetch_closed_form, f};
 }
 
-/* What a mix of correct taps may be off by, in linear radiance. A tap's code and the result's code
- * are each half a code off; at radiance 0.7 a code is 1.9/255. The viewer's cubic for the sRGB
- * curve is within 0.0017, going in and out. */
-static const double code_error = 2 * 0.5 * 1.9 / 255 + 2 * 0.0017;
+/* What a mix of correct taps may be off by, in linear radiance. A tap's code is half a code off,
+ * the viewer's curve from code to light 0.3 codes more; at radiance 0.7 a code is 1.9/255. A half
+ * float is within 2^-12 of its value. */
+static const double code_error = 0.8 * 1.9 / 255 + 0.7 * 0x1p-12;
 
 /* What the mix itself may be off by towards (s, t): linear interpolation over cells of 2 / count,
  * and constant beyond the outermost samples, which lie half a cell inside the square. */

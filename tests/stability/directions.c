@@ -17,20 +17,20 @@ static double worst_error(closed_form *f, const float *s, const float *t, size_t
   assert_non_null(r);
   for (size_t first = 0; first < count; first += 64) {
     block_directions d = {.mask = ~(uint64_t)0};
-    uint8_t texels[SLF_BLOCK_NBYTES];
+    mixed_block mixed;
     for (size_t k = 0; k < 64; k++) {
       const size_t i = first + k < count ? first + k : count - 1;
       d.s[k] = s[i];
       d.t[k] = t[i];
     }
-    resample_block(r, 0, 0, &d, texels, 32);
+    resample_block(r, 0, 0, &d, mixed.texels, MIXED_ROW_NBYTES);
     resample_flush(r);
     for (int k = 0; k < 64; k++) {
       double axes[3];
       slf_direction(d.s[k], d.t[k], 0, axes);
       for (int c = 0; c < 3; c++) {
         const double truth = radiance((k % 8 + 0.5) / 8, (k / 8 + 0.5) / 8, axes[0], axes[1], c);
-        const double error = fabs(slf_linear_from_srgb(texels[4 * k + c]) - truth);
+        const double error = fabs(float_from_half(mixed.texels[4 * k + c]) - truth);
         if (!(error <= mix_error(f, axes[0], axes[1]) + rim_error))
           fail_msg("%ux%u directions, S %.9g T %.9g: error %g, bound %g", f->s_count, f->t_count,
                    (double)d.s[k], (double)d.t[k], error,
@@ -99,15 +99,15 @@ static void beyond_the_rim(void **state) {
   /* What is no direction is straight up. */
   const float none[] = {NAN, INFINITY, -INFINITY};
   resampler *r = resampler_create(32, 32, closed_form_source(&f));
-  uint8_t up[SLF_BLOCK_NBYTES], texels[SLF_BLOCK_NBYTES];
+  mixed_block up, mixed;
   block_directions d = {.mask = ~(uint64_t)0};
   for (int k = 0; k < 64; k++) d.s[k] = d.t[k] = 0.5f;
-  resample_block(r, 0, 0, &d, up, 32);
+  resample_block(r, 0, 0, &d, up.texels, MIXED_ROW_NBYTES);
   resample_flush(r);
   for (int k = 0; k < 64; k++) d.s[k] = none[k % 3], d.t[k] = none[k / 3 % 3];
-  resample_block(r, 0, 0, &d, texels, 32);
+  resample_block(r, 0, 0, &d, mixed.texels, MIXED_ROW_NBYTES);
   resample_flush(r);
-  assert_memory_equal(texels, up, sizeof up);
+  assert_memory_equal(&mixed, &up, sizeof up);
   resampler_free(r);
   closed_form_free(&f);
 }
@@ -152,38 +152,37 @@ static float ulp_beside(float x, int side) {
 /* At a slice's centre the mix changes cells. One ulp either side, and on it, the result is the
  * slice itself: S is off by 2^-24 and s, which is near twice that, by 2^-23; times count / 2 cells,
  * on each axis, and x = s count / 2 rounds again. In all less than 4 count 2^-24 of a white tap
- * falls on a black one, or is missing from a white one. A code near black is 0.0125 / 255 of
- * radiance for the viewer's cubic, 1/20400: so 20400 / 2^22 codes a direction, and rounding. */
+ * falls on a black one, or is missing from a white one; and a half float near 1 is off by 2^-12,
+ * white by 0.3 of a code, 0.0027. */
 static void one_ulp_either_side_of_a_cell(void **state) {
   (void)state;
   static const uint32_t counts[] = {2, 3, 5, 8, 12, 16, 31, 32, 64, 100, 256};
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {
     const uint32_t count = counts[n];
     resampler *r = resampler_create(count, count, (block_source){fetch_checkerboard, NULL});
-    int worst = 0;
+    double worst = 0;
     for (uint32_t i = 0; i < count; i++)
       for (uint32_t j = 0; j < count; j++) {
         const float s = (float)((i + 0.5) / count), t = (float)((j + 0.5) / count);
         if (hypotf(2 * s - 1, 2 * t - 1) > 0.999f) continue; /* a centre that is out of reach */
         block_directions d = {.mask = 0x1ff};
-        uint8_t texels[SLF_BLOCK_NBYTES];
+        mixed_block mixed;
         for (int k = 0; k < 9; k++) {
           d.s[k] = ulp_beside(s, k % 3 - 1);
           d.t[k] = ulp_beside(t, k / 3 - 1);
         }
-        resample_block(r, 0, 0, &d, texels, 32);
+        resample_block(r, 0, 0, &d, mixed.texels, MIXED_ROW_NBYTES);
         resample_flush(r);
         for (int k = 0; k < 9; k++) {
-          const int tap = (i ^ j) & 1 ? 255 : 0;
-          const int off = abs(texels[4 * k] - tap);
-          worst = off > worst ? off : worst;
+          const double tap = (i ^ j) & 1;
+          const double error = fabs(float_from_half(mixed.texels[4 * k]) - tap);
+          assert_true(error <= count * 0x1p-22 + tap * (0x1p-12 + 0.0027));
+          worst = fmax(worst, error);
         }
       }
     resampler_free(r);
-    /* In codes, not radiance. */
     if (count == 16 || count == 64 || count == 256)
-      print_message("# figure: ulp_beside_cell_codes %u %d\n", count, worst);
-    assert_true(worst <= 20400.0 * count / (1 << 22) + 0.5);
+      print_message("# figure: ulp_beside_cell %u %.2e\n", count, worst);
   }
 }
 
@@ -218,10 +217,10 @@ static void the_rim_reads_what_is_stored(void **state) {
       resampler *r = resampler_create(n.s_count, n.t_count, (block_source){fetch_stored, &n});
       for (size_t first = 0; first < AZIMUTHS; first += 64) {
         block_directions d = {.mask = ~(uint64_t)0};
-        uint8_t texels[SLF_BLOCK_NBYTES];
+        mixed_block mixed;
         memcpy(d.s, s + first, sizeof d.s);
         memcpy(d.t, t + first, sizeof d.t);
-        resample_block(r, 0, 0, &d, texels, 32);
+        resample_block(r, 0, 0, &d, mixed.texels, MIXED_ROW_NBYTES);
         resample_flush(r);
       }
       resampler_free(r);

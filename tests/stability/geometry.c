@@ -98,14 +98,15 @@ static void free_shiny(shiny *x) {
   closed_form_free(&x->field);
 }
 
-static const uint8_t *texel_at(const shiny *x, uint32_t column, uint32_t row) {
-  return x->texture.texels + row * x->texture.row_nbytes + column * 4;
+static const uint16_t *texel_at(const shiny *x, uint32_t column, uint32_t row) {
+  const mipmap_level *level = &x->texture.levels[0];
+  return level->texels + row * level->row_nbytes / sizeof *level->texels + column * 4;
 }
 
-static double largest_error(const uint8_t *texel, double u, double v, double s, double t) {
+static double largest_error(const uint16_t *texel, double u, double v, double s, double t) {
   double worst = 0;
   for (int c = 0; c < 3; c++)
-    worst = fmax(worst, fabs(slf_linear_from_srgb(texel[c]) - radiance(u, v, s, t, c)));
+    worst = fmax(worst, fabs(float_from_half(texel[c]) - radiance(u, v, s, t, c)));
   return worst;
 }
 
@@ -133,7 +134,7 @@ static square_errors check_square(shiny *x, const float eye[3], double leg) {
       const double d[3] = {eye[0] - u, eye[1], eye[2] - v};
       const double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
       const double s = d[0] / length, t = d[2] / length;
-      const uint8_t *texel = texel_at(x, column, row);
+      const uint16_t *texel = texel_at(x, column, row);
       if (texel[3] == 0) continue; /* not in the view's pyramid */
       const double error = largest_error(texel, u, v, s, t);
       const double nearest = fmax(length - leg * sqrt(2), 0);
@@ -209,14 +210,14 @@ static void any_unit_of_length(void **state) {
     for (int axis = 0; axis < 3; axis++) eye[axis] = ldexpf(eye[axis], exponents[i]);
     const camera c = looking(eye, (float[3]){0});
     texture_update(&x.texture, &c, (direction_bend){0});
-    const size_t nbytes = x.texture.row_nbytes * 64;
+    const size_t nbytes = x.texture.levels[0].row_nbytes * 64;
     if (i == 0) {
       first = malloc(nbytes);
       assert_non_null(first);
-      memcpy(first, x.texture.texels, nbytes);
+      memcpy(first, x.texture.levels[0].texels, nbytes);
       assert_true(x.texture.made_count > 32); /* of 128 blocks */
     } else {
-      assert_memory_equal(x.texture.texels, first, nbytes);
+      assert_memory_equal(x.texture.levels[0].texels, first, nbytes);
     }
     free_shiny(&x);
     free_grid(&g);
@@ -345,9 +346,9 @@ static void sphere_to_its_silhouette(void **state) {
       for (uint32_t column = 0; column < U; column++) {
         const double u = (column + 0.5) / U, v = (row + 0.5) / V;
         const seen_direction d = seen_on_sphere(u, v, eye);
-        const uint8_t *texel = texel_at(&x, column, row);
+        const uint16_t *texel = texel_at(&x, column, row);
         /* A chord's plane turns by half of 2 pi / 64: what faces the eye by more is there. */
-        if (d.n > M_PI / SPHERE_COLUMNS) assert_int_equal(texel[3], 255);
+        if (d.n > M_PI / SPHERE_COLUMNS) assert_int_equal(texel[3], HALF_ONE);
         if (d.n < 0 || texel[3] == 0) continue;
         const double error = largest_error(texel, u, v, d.s, d.t);
         const double r = hypot(hypot(eye[0], eye[1]), eye[2]) - 1;
@@ -386,10 +387,10 @@ static void few_polygons_across_the_silhouette(void **state) {
     texture_update(&x.texture, &c, (direction_bend){0});
     for (uint32_t b = 0; b < x.texture.mesh.block_u_count * x.texture.mesh.block_v_count; b++)
       for (uint32_t k = 0; k < 64; k++) {
-        const uint8_t *texel = texel_at(&x, b % 12 * 8 + k % 8, b / 12 * 8 + k / 8);
-        assert_int_equal(texel[3], x.texture.made[b] ? 255 : 0);
+        const uint16_t *texel = texel_at(&x, b % 12 * 8 + k % 8, b / 12 * 8 + k / 8);
+        assert_int_equal(texel[3], x.texture.made[b] ? HALF_ONE : 0);
         if (!texel[3]) continue;
-        const double light = slf_linear_from_srgb(texel[0]);
+        const double light = float_from_half(texel[0]);
         assert_true(fabs(light - 0.5) <= amplitude + code_error);
       }
   }
@@ -459,8 +460,8 @@ static void any_parametrisation(void **state) {
     texture_update(&x.texture, &c, (direction_bend){0});
     for (uint32_t row = 0; row < 9; row++)
       for (uint32_t column = 0; column < 17; column++) {
-        const uint8_t alpha = texel_at(&x, column, row)[3];
-        assert_true(alpha == 0 || alpha == 255);
+        const uint16_t alpha = texel_at(&x, column, row)[3];
+        assert_true(alpha == 0 || alpha == HALF_ONE);
       }
     free_shiny(&x);
     free_grid(&g);
@@ -507,7 +508,7 @@ static void surfaces_of_any_size(void **state) {
     if (i == 0) one = e.worst;
     for (uint32_t row = 0; row < v_count; row++)
       for (uint32_t column = 0; column < u_count; column++)
-        assert_int_equal(texel_at(&x, column, row)[3], 255);
+        assert_int_equal(texel_at(&x, column, row)[3], HALF_ONE);
     free_shiny(&x);
   }
   print_message("a surface of one texel: error %.5f\n", one);
