@@ -5,6 +5,7 @@
 #   build/bake/NAME/options.mk   scene's folder, numbers, texel scale, rays
 #   build/bake/NAME/scene.txt    the surfaces, as POV-Ray describes them
 #   build/bake/NAME/look         the scene without the lines that only name surfaces
+#   build/bake/NAME/light.*      caches of its radiosity and photons (if it has Slf_Radiosity, Slf_Photons)
 #   build/bake/NAME/surfaces.mk  what each surface needs, as rules; chunks.mk: the chunks
 #   build/bake/NAME/SURFACE/     surface.txt, rays (if curved), cover, choice (if auto), and the chunks
 #                                0000.exr ...: a few slices each, one below the other
@@ -48,7 +49,7 @@ ifdef BAKE
 BAKE_DIR := build/bake/$(BAKE)
 include $(BAKE_DIR)/options.mk
 BAKE_BIN := $(OUT)/bake
-export BAKE_DIR BAKE_SCENE BAKE_DECLARE BAKE_SCALE BAKE_RAYS BAKE_BIN
+export BAKE_LIGHT BAKE_DIR BAKE_SCENE BAKE_DECLARE BAKE_SCALE BAKE_RAYS BAKE_BIN
 BAKE_FILES := $(shell find $(BAKE_SCENE) -type f ! -name views)
 
 $(BAKE_DIR)/scene.txt: $(BAKE_FILES) $(BAKE_DIR)/options.mk bake/slf.inc
@@ -77,6 +78,11 @@ $(BAKE_DIR)/look.made: $(BAKE_FILES) $(BAKE_DIR)/options.mk
 	  > $(BAKE_DIR)/look.part
 	$(call keep_if_same,$(BAKE_DIR)/look)
 
+# Radiosity and photons, computed once. Whatever sees the scene reads them.
+LIGHT := $(if $(BAKE_LIGHT),$(BAKE_DIR)/light.made)
+$(LIGHT): $(BAKE_DIR)/look $(BAKE_DIR)/scene.txt bake/camera.c bake/sample.c bake/frame.c | $(RAY_TABLES) $(COVERS)
+	@bake/trace light '$(notdir $(patsubst %/,%,$(dir $(COVERS))))' $@
+
 $(RAY_PARTS): $(BAKE_DIR)/scene.txt bake/sample.c
 	@bake/trace rays $(notdir $(@D)) $(subst .,,$(suffix $@)) $@
 $(addsuffix .made,$(RAY_TABLES)):
@@ -85,15 +91,15 @@ $(addsuffix .made,$(RAY_TABLES)):
 $(addsuffix .made,$(COVERS)): $(BAKE_DIR)/look bake/camera.c bake/sample.c bake/frame.c
 	@bake/trace cover $(notdir $(@D)) $(@D)/cover.part
 	$(call keep_if_same,$(@D)/cover)
-$(addsuffix .made,$(CHOICES)): $(BAKE_DIR)/look bake/camera.c bake/sample.c bake/frame.c bake/probe.c
+$(addsuffix .made,$(CHOICES)): $(LIGHT) $(BAKE_DIR)/look bake/camera.c bake/sample.c bake/frame.c bake/probe.c
 	@bake/trace choice $(notdir $(@D)) $(@D)/choice.part
 	$(call keep_if_same,$(@D)/choice)
 
-$(CHUNKS): $(BAKE_DIR)/look $(addprefix bake/,camera.c frame.c cover.c sample.c image.c) | bake-begins
+$(CHUNKS): $(LIGHT) $(BAKE_DIR)/look $(addprefix bake/,camera.c frame.c cover.c sample.c image.c) | bake-begins
 	@bake/trace chunk $(notdir $(@D)) $(basename $(notdir $@)) $@
 	@$(BAKE_BIN)/progress report $(BAKE_DIR) $(BAKE_RAYS)
 .PHONY: bake-begins
-bake-begins: | $(BAKE_DIR)/look $(RAY_TABLES) $(COVERS)
+bake-begins: | $(BAKE_DIR)/look $(RAY_TABLES) $(COVERS) $(LIGHT)
 	@$(BAKE_BIN)/progress begin $(BAKE_DIR) $(BAKE_RAYS)
 
 build/$(BAKE).slf: $(BAKE_BIN)/pack $(BAKE_DIR)/chunks.mk $(CHUNKS) $(wildcard $(BAKE_SCENE)/views)

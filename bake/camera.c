@@ -209,7 +209,8 @@ static void write_curved_camera(const shot *self) {
 
 int main(int argc, char **argv) {
   if (argc != 6) {
-    fputs("usage: camera FOLDER SURFACE RAYS SCENE.pov CHUNK|cover|probe > OUT.pov\n", stderr);
+    fputs("usage: camera FOLDER SURFACE RAYS SCENE.pov CHUNK|cover|light|probe > OUT.pov\n",
+          stderr);
     return 2;
   }
   const char *folder = argv[1], *what = argv[5];
@@ -224,17 +225,21 @@ int main(int argc, char **argv) {
     self.apart = true;
   } else {
     sources = cover_sources(folder, on, rays, &hole_count);
-    self.views =
-        !strcmp(what, "probe") ? probe_views(rays) : views_of_chunk(on, rays, (uint32_t)atoi(what));
-    if (!strcmp(what, "probe")) self.grid = probe_grid(on);
+    if (!strcmp(what, "probe"))
+      self.views = probe_views(rays), self.grid = probe_grid(on);
+    else if (!strcmp(what, "light"))
+      self.views = light_views(on, rays), self.grid = light_grid(on);
+    else
+      self.views = views_of_chunk(on, rays, (uint32_t)atoi(what));
   }
   self.table = table;
   self.sources = sources;
 
   /* The size of the frame, for whoever calls POV-Ray. */
   frame_size(on, self.grid, &self.views, self.apart, &width, &height);
-  printf("// +W%u +H%u\n#version 3.7;\n#declare Slf_Pass = 3;\n#include \"%s\"\n", width, height,
-         argv[4]);
+  printf("// +W%u +H%u\n#version 3.7;\n#declare Slf_Pass = %d;\n", width, height,
+         strcmp(what, "light") ? 3 : 4);
+  printf("#declare Slf_Photon_Map = \"%s/light.photons\";\n#include \"%s\"\n", folder, argv[4]);
   if (on->planar)
     write_planar_camera(&self, width, height);
   else

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cover.h"
 #include "fail.h"
 #include "image.h"
 #include "surface.h"
@@ -106,6 +107,13 @@ static void write_geometry(const surface *self) {
 static void write_layer(const char *folder, const surface *self, uint32_t rays) {
   slf_error error;
   slice_reader reader = open_slices(folder, self, rays);
+  uint32_t hole_count;
+  free(cover_sources(folder, self, rays, &hole_count));
+  if (hole_count)
+    fprintf(stderr,
+            "bake: surface '%s': %u of %u texels have no surface behind them: filled from their "
+            "neighbours\n",
+            self->name, hole_count, self->u_count * self->v_count);
   slf_source source = {.read_slice = read_slice, .context = &reader};
   slf_layer_options options = {.role = SLF_ROLE_FULL,
                                .curve = SLF_CURVE_SRGB,

@@ -39,7 +39,15 @@ static void write_text_if_changed(const char *path, const char *text, size_t nby
   free(part);
 }
 
-/* The lines of the description from "surface NAME" to the next surface or the scene's own lines. */
+/* Lines of the description that belong to the scene, not to the surface before them. */
+static bool is_scene_line(const char *line) {
+  const char *const words[] = {"surface ", "water ", "background ", "radiosity\n", "photons\n"};
+  for (size_t i = 0; i < sizeof words / sizeof *words; i++)
+    if (!strncmp(line, words[i], strlen(words[i]))) return true;
+  return false;
+}
+
+/* The lines of the description from "surface NAME" to the next line that is not the surface's. */
 static void write_surface(const char *folder, const surface *self, const char *text) {
   char *head = format_text("surface %s ", self->name);
   char *path = format_text("%s/%s", folder, self->name);
@@ -48,8 +56,7 @@ static void write_surface(const char *folder, const surface *self, const char *t
   do {
     end = strchr(end, '\n');
     end = end ? end + 1 : begin + strlen(begin);
-  } while (*end && strncmp(end, "surface ", 8) && strncmp(end, "water ", 6) &&
-           strncmp(end, "background ", 11));
+  } while (*end && !is_scene_line(end));
   if (mkdir(path, 0777) && errno != EEXIST) fail("%s: cannot be made: %s", path, strerror(errno));
   write_text_if_changed(file, begin, (size_t)(end - begin));
   free(file);
@@ -96,6 +103,9 @@ int main(int argc, char **argv) {
   scene *whole = scene_read(folder);
   if (!whole->surface_count) fail("the scene names no surface: see bake/slf.inc");
   char *path = format_text("%s/scene.txt", folder), *text = read_text(path);
+  if (!strcmp(argv[1], "surfaces") && (whole->radiosity || whole->photons))
+    printf("BAKE_LIGHT := %s%s\n", whole->radiosity ? "radiosity " : "",
+           whole->photons ? "photons" : "");
   for (uint32_t i = 0; i < whole->surface_count; i++) {
     const surface *self = &whole->surfaces[i];
     if (!strcmp(argv[1], "surfaces")) {

@@ -18,6 +18,11 @@ texel_grid probe_grid(const surface *);
  * each candidate, for each test, four slices. The caller frees stn. */
 view_list probe_views(uint32_t rays);
 
+/* What the light pass looks at, for radiosity to know it: at most 64 x 64 texels, along the normal
+ * and, unless the surface is matte, from the test directions. The caller frees stn. */
+texel_grid light_grid(const surface *);
+view_list light_views(const surface *, uint32_t rays);
+
 /* Place of a test direction among the slices of N x N: the four slices' weights. Slice k of four is
  * (s + k % 2, t + k / 2); indices are clamped to the edge. */
 void probe_mix(uint32_t n, uint32_t test, slice slices[4], double weights[4]);

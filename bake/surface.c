@@ -92,6 +92,10 @@ static scene *read_description(const char *path) {
       surface *water = (surface *)scene_find(self, word);
       if (!water) fail("%s: Slf_Water: no surface is called '%s'", path, word);
       water->flags |= SLF_SURFACE_WATER;
+    } else if (!strcmp(word, "radiosity")) {
+      self->radiosity = true;
+    } else if (!strcmp(word, "photons")) {
+      self->photons = true;
     } else if (!strcmp(word, "background")) {
       double rgb[3];
       if (!read_vector(file, rgb)) fail("%s: background: expected a colour", path);

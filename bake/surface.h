@@ -6,6 +6,7 @@
  *   planar CORNER EDGE_U EDGE_V          (only if P(U,V) = corner + U edge_u + V edge_v)
  *   grid COLUMNS ROWS                    then as many vertices, row by row:
  *   POSITION NORMAL TANGENT_U TANGENT_V U V
+ *   radiosity, photons                   (only if the light pass is to fill their caches)
  *   water NAME
  *   background R G B
  * A chunk is what one run of POV-Ray renders: a few slices of one surface. */
@@ -32,7 +33,8 @@ typedef struct {
 typedef struct {
   uint32_t surface_count;
   surface *surfaces;
-  float background[3]; /* linear */
+  float background[3];     /* linear */
+  bool radiosity, photons; /* shared by all slices: the light pass fills their caches */
 } scene;
 
 /* Reads what the describe pass wrote, FOLDER/scene.txt, or the part of it on one surface,
