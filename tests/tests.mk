@@ -26,7 +26,7 @@ build/tests/pond/water_mesh: build/obj/tests/pond/water_mesh.o $(VIEWER_CORE_OBJ
 # are noise that only rays average out.
 .PHONY: check-bakes
 check-bakes: all
-	$(MAKE) bake SCENE=floor NAME=check-floor RAYS=49
+	$(MAKE) bake SCENE=floor NAME=check-floor RAYS=25
 	$(MAKE) bake SCENE=floor NAME=check-floor-mirror QUALITY=paper RAYS=1 DECLARE="Mirror=1 Directions=32"
 	$(MAKE) bake SCENE=pond NAME=check-pond RAYS=1
 
