@@ -73,6 +73,9 @@ help: ## Show the goals
 	@echo "  SCENE=$(SCENE) QUALITY=$(QUALITY) (preview, paper) FARM=$(FARM) CONFIG=$(CONFIG) (release, debug, asan)"
 	@echo "  scenes: $(notdir $(wildcard scenes/*))"
 
+# Commands are shown with V=1, else what they make.
+say = $(if $(V),,@printf '%8s  %s\n' $(1) $(2) && )
+
 # Objects are made again when the flags change.
 $(OBJ)/flags: FORCE
 	@mkdir -p $(@D)
@@ -82,7 +85,7 @@ FORCE:
 
 $(OBJ)/%.o: %.c $(OBJ)/flags | $(DEPS)
 	@mkdir -p $(@D)
-	$(CC) $(ALL_CFLAGS) $(PKG_CFLAGS) -MMD -MP -c $< -o $@
+	$(call say,compile,$<)$(CC) $(ALL_CFLAGS) $(PKG_CFLAGS) -MMD -MP -c $< -o $@
 
 include codec/codec.mk
 include bake/bake.mk

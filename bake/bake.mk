@@ -5,21 +5,23 @@
 #   build/bake/NAME/options.mk   scene's folder, numbers, texel scale, rays
 #   build/bake/NAME/scene.txt    the surfaces, as POV-Ray describes them
 #   build/bake/NAME/look         the scene without the lines that only name surfaces
-#   build/bake/NAME/plan.mk      the chunks
-#   build/bake/NAME/SURFACE/     surface.txt, rays (curved surfaces), 0000.exr ... (chunks)
+#   build/bake/NAME/light.*      caches of its radiosity and photons (if it has Slf_Radiosity, Slf_Photons)
+#   build/bake/NAME/surfaces.mk  what each surface needs, as rules; chunks.mk: the chunks
+#   build/bake/NAME/SURFACE/     surface.txt, rays (if curved), cover, choice (if auto), and the chunks
+#                                0000.exr ...: a few slices each, one below the other
 #   build/NAME.slf
 #
-# Files that many others depend on (surface.txt, rays, look) keep their time when they come out the
+# Files that others depend on (surface.txt, rays, cover, choice, look) keep their time when they come out the
 # same: only what changed is baked again.
 
-BAKE_PROGRAMS := $(addprefix $(OUT)/bake/,plan camera ray_scene ray_table gather layers pack progress)
-BAKE_OBJECTS := $(addprefix $(OBJ)/bake/,surface.o sample.o image.o fail.o)
+BAKE_PROGRAMS := $(addprefix $(OUT)/bake/,plan camera ray_scene ray_table find_cover choose gather layers pack progress)
+BAKE_OBJECTS := $(addprefix $(OBJ)/bake/,surface.o frame.o cover.o probe.o sample.o image.o fail.o)
 $(OBJ)/bake/%.o: PKG_CFLAGS = $(shell pkg-config --cflags OpenEXR)
 
 all: $(BAKE_PROGRAMS)
 $(BAKE_PROGRAMS): $(OUT)/bake/%: $(OBJ)/bake/%.o $(BAKE_OBJECTS) $(LIBSLF)
 	@mkdir -p $(@D)
-	$(CC) $^ -o $@ $(ALL_LDFLAGS) $(filter -L% -lOpenEXRCore%,$(shell pkg-config --libs OpenEXR)) -lm
+	$(call say,link,$@)$(CC) $^ -o $@ $(ALL_LDFLAGS) $(filter -L% -lOpenEXRCore%,$(shell pkg-config --libs OpenEXR)) -lm
 
 # NAME may be an environment variable of somebody else's.
 NAME := $(if $(filter command line,$(origin NAME)),$(NAME),$(SCENE))
@@ -47,42 +49,60 @@ ifdef BAKE
 BAKE_DIR := build/bake/$(BAKE)
 include $(BAKE_DIR)/options.mk
 BAKE_BIN := $(OUT)/bake
-export BAKE_DIR BAKE_SCENE BAKE_DECLARE BAKE_SCALE BAKE_RAYS BAKE_BIN
+export BAKE_LIGHT BAKE_DIR BAKE_SCENE BAKE_DECLARE BAKE_SCALE BAKE_RAYS BAKE_BIN
 BAKE_FILES := $(shell find $(BAKE_SCENE) -type f ! -name views)
 
 $(BAKE_DIR)/scene.txt: $(BAKE_FILES) $(BAKE_DIR)/options.mk bake/slf.inc
 	@bake/trace describe $@
 
-$(BAKE_DIR)/plan.mk: $(BAKE_DIR)/scene.txt bake/surface.c
-	@$(BAKE_BIN)/plan $< $(BAKE_DIR) $(BAKE_RAYS) > $@.part && mv $@.part $@
+$(BAKE_DIR)/surfaces.mk: $(BAKE_DIR)/scene.txt bake/surface.c
+	@$(BAKE_BIN)/plan surfaces $(BAKE_DIR) $(BAKE_RAYS) > $@.part && mv $@.part $@
+include $(BAKE_DIR)/surfaces.mk
 
-include $(BAKE_DIR)/plan.mk
+# make begins again once surfaces.mk is made; only then it knows the choices.
+$(BAKE_DIR)/chunks.mk: $(BAKE_DIR)/surfaces.mk $(CHOICES)
+	@$(BAKE_BIN)/plan chunks $(BAKE_DIR) $(BAKE_RAYS) > $@.part && mv $@.part $@
+include $(BAKE_DIR)/chunks.mk
+
+# $1.made is made again when something before it changed; $1 itself only takes a new time when it
+# comes out different.
+define keep_if_same
+@cmp -s $(1).part $(1) || mv $(1).part $(1)
+@rm -f $(1).part; touch $(1).made
+endef
+$(RAY_TABLES) $(COVERS) $(CHOICES) $(BAKE_DIR)/look: %: %.made
+	@:
 
 $(BAKE_DIR)/look.made: $(BAKE_FILES) $(BAKE_DIR)/options.mk
 	@{ cat $(BAKE_DIR)/options.mk; sed -E '/^[[:space:]]*Slf_[A-Za-z]+[[:space:]]*\(.*\)[[:space:]]*$$/d' $(BAKE_FILES); } \
 	  > $(BAKE_DIR)/look.part
-	@cmp -s $(BAKE_DIR)/look.part $(BAKE_DIR)/look || mv $(BAKE_DIR)/look.part $(BAKE_DIR)/look
-	@rm -f $(BAKE_DIR)/look.part; touch $@
-$(BAKE_DIR)/look: $(BAKE_DIR)/look.made
-	@:
+	$(call keep_if_same,$(BAKE_DIR)/look)
+
+# Radiosity and photons, computed once. Whatever sees the scene reads them.
+LIGHT := $(if $(BAKE_LIGHT),$(BAKE_DIR)/light.made)
+$(LIGHT): $(BAKE_DIR)/look $(BAKE_DIR)/scene.txt bake/camera.c bake/sample.c bake/frame.c | $(RAY_TABLES) $(COVERS)
+	@bake/trace light '$(notdir $(patsubst %/,%,$(dir $(COVERS))))' $@
 
 $(RAY_PARTS): $(BAKE_DIR)/scene.txt bake/sample.c
 	@bake/trace rays $(notdir $(@D)) $(subst .,,$(suffix $@)) $@
 $(addsuffix .made,$(RAY_TABLES)):
 	@cat $^ > $(@D)/rays.part
-	@cmp -s $(@D)/rays.part $(@D)/rays || mv $(@D)/rays.part $(@D)/rays
-	@rm -f $(@D)/rays.part; touch $@
-$(RAY_TABLES): %/rays: %/rays.made
-	@:
+	$(call keep_if_same,$(@D)/rays)
+$(addsuffix .made,$(COVERS)): $(BAKE_DIR)/look bake/camera.c bake/sample.c bake/frame.c
+	@bake/trace cover $(notdir $(@D)) $(@D)/cover.part
+	$(call keep_if_same,$(@D)/cover)
+$(addsuffix .made,$(CHOICES)): $(LIGHT) $(BAKE_DIR)/look bake/camera.c bake/sample.c bake/frame.c bake/probe.c
+	@bake/trace choice $(notdir $(@D)) $(@D)/choice.part
+	$(call keep_if_same,$(@D)/choice)
 
-$(CHUNKS): $(BAKE_DIR)/look $(addprefix bake/,camera.c sample.c gather.c layers.c image.c) | bake-begins
+$(CHUNKS): $(LIGHT) $(BAKE_DIR)/look $(addprefix bake/,camera.c frame.c cover.c sample.c layers.c image.c) | bake-begins
 	@bake/trace chunk $(notdir $(@D)) $(basename $(notdir $@)) $@
 	@$(BAKE_BIN)/progress report $(BAKE_DIR) $(BAKE_RAYS)
 .PHONY: bake-begins
-bake-begins: | $(BAKE_DIR)/look $(RAY_TABLES)
+bake-begins: | $(BAKE_DIR)/look $(RAY_TABLES) $(COVERS) $(LIGHT)
 	@$(BAKE_BIN)/progress begin $(BAKE_DIR) $(BAKE_RAYS)
 
-build/$(BAKE).slf: $(BAKE_BIN)/pack $(BAKE_DIR)/plan.mk $(CHUNKS) $(wildcard $(BAKE_SCENE)/views)
+build/$(BAKE).slf: $(BAKE_BIN)/pack $(BAKE_DIR)/chunks.mk $(CHUNKS) $(wildcard $(BAKE_SCENE)/views)
 	@$(BAKE_BIN)/pack $(BAKE_DIR) $(BAKE_RAYS) $(wildcard $(BAKE_SCENE)/views) $@
 endif
 
@@ -90,7 +110,7 @@ endif
 BAKE_CHECKERS := $(OUT)/tests/bake/exact
 $(BAKE_CHECKERS): $(OUT)/tests/bake/%: $(OBJ)/tests/bake/%.o $(BAKE_OBJECTS) $(LIBSLF)
 	@mkdir -p $(@D)
-	$(CC) $^ -o $@ $(ALL_LDFLAGS) $(filter -L% -lOpenEXRCore%,$(shell pkg-config --libs OpenEXR)) -lm
+	$(call say,link,$@)$(CC) $^ -o $@ $(ALL_LDFLAGS) $(filter -L% -lOpenEXRCore%,$(shell pkg-config --libs OpenEXR)) -lm
 unit-suites: $(BAKE_CHECKERS)
 $(OUT)/tests/unit/bake_sample: $(OBJ)/bake/sample.o
 $(OUT)/tests/unit/bake_image: $(addprefix $(OBJ)/bake/,image.o fail.o)

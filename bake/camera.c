@@ -13,16 +13,26 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cover.h"
 #include "fail.h"
+#include "frame.h"
+#include "probe.h"
 #include "sample.h"
-#include "surface.h"
-
-/* Slices at the rim are seen from here, so that each has real data (n of eq. 1). */
-static const double n_min = SLF_BAKED_N_MIN;
 
 typedef struct {
   double position[3], normal[3], tangent_u[3], tangent_v[3];
 } frame;
+
+/* What the camera sees: some texels of a surface from a list of views. */
+typedef struct {
+  const surface *self;
+  texel_grid grid;
+  view_list views;
+  double reach;            /* rays end there; 0: nowhere */
+  bool apart;              /* each ray of a curved surface's sample has an image of its own */
+  const float *table;      /* frames of all rays of all texels, 12 numbers each: curved only */
+  const uint32_t *sources; /* which ray to take for which (cover.h); NULL: itself */
+} shot;
 
 static void add_scaled(double sum[3], const double vector[3], double scale) {
   for (int i = 0; i < 3; i++) sum[i] += scale * vector[i];
@@ -42,22 +52,6 @@ static void to_scene(const frame *at, const double stn[3], double direction[3]) 
   add_scaled(direction, at->normal, stn[2]);
 }
 
-/* (s, t, n) of every ray of a sample in one slice. A matte surface is seen along its normal. */
-static void slice_directions(const surface *self, slice at, uint32_t rays, double (*stn)[3]) {
-  double st[SAMPLE_MAX_RAYS][2];
-  sample_cell_offsets(rays, at.s, at.t, st);
-  bool matte = self->s_count == 1 && self->t_count == 1;
-  for (uint32_t m = 0; m < rays; m++) {
-    if (surface_has_layers(self)) /* what blurs over a cell's directions has no one height */
-      st[m][0] = st[m][1] = 0.5;
-    if (matte)
-      memcpy(stn[m], (double[3]){0, 0, 1}, sizeof stn[m]);
-    else
-      slf_direction((at.s + st[m][0]) / self->s_count, (at.t + st[m][1]) / self->t_count, n_min,
-                    stn[m]);
-  }
-}
-
 static void frame_of_vertex(const slf_vertex *vertex, frame *out) {
   for (int i = 0; i < 3; i++) {
     out->normal[i] = vertex->normal[i];
@@ -67,27 +61,27 @@ static void frame_of_vertex(const slf_vertex *vertex, frame *out) {
   normalise(out->normal), normalise(out->tangent_u), normalise(out->tangent_v);
 }
 
-/* A tile: texel i at u = (i + uv_offset) / u_count lies at pixel column x + i, rows alike. */
-static void write_tile_vertices(const surface *self, const double uv[2], const double direction[3],
+/* A tile: texel i of the grid, u = (u_first + i u_step + offset) / u_count, lies at the i-th pixel
+ * of the tile; the tile reaches half a pixel further on each side. */
+static void write_tile_vertices(const shot *self, const double uv[2], const double direction[3],
                                 double start) {
+  const surface *on = self->self;
+  const texel_grid *grid = &self->grid;
   for (int corner = 0; corner < 4; corner++) {
-    double u = ((corner & 1 ? self->u_count - 0.5 : -0.5) + uv[0]) / self->u_count;
-    double v = ((corner & 2 ? self->v_count - 0.5 : -0.5) + uv[1]) / self->v_count;
+    double i = corner & 1 ? grid->u_count - 0.5 : -0.5, j = corner & 2 ? grid->v_count - 0.5 : -0.5;
     double origin[3];
-    memcpy(origin, self->corner, sizeof origin);
-    add_scaled(origin, self->edge_u, u);
-    add_scaled(origin, self->edge_v, v);
+    memcpy(origin, on->corner, sizeof origin);
+    add_scaled(origin, on->edge_u, (grid->u_first + i * grid->u_step + uv[0]) / on->u_count);
+    add_scaled(origin, on->edge_v, (grid->v_first + j * grid->v_step + uv[1]) / on->v_count);
     add_scaled(origin, direction, start);
     printf("<%.10g,%.10g,%.10g>\n", origin[0], origin[1], origin[2]);
   }
 }
 
-/* Of a frame with fog the first row, which nobody reads, looks from the middle straight up. POV-Ray
- * finds the objects around the first ray's origin and takes them to be around all: a corner texel's
- * may lie in a wall, where no fog is. */
-static void write_first_tile_vertices(const surface *self) {
-  const slf_vertex *vertex = &self->vertices[0];
-  const double normal[3] = {vertex->normal[0], vertex->normal[1], vertex->normal[2]};
+/* Of a frame with fog the first row, which nobody reads, looks from the surface's middle straight up.
+ * POV-Ray finds the objects around the first ray's origin and takes them to be around all: a corner
+ * texel's may lie in a wall, where no fog is. */
+static void write_first_tile(const surface *self, const double normal[3]) {
   for (int corner = 0; corner < 4; corner++) {
     double origin[3];
     memcpy(origin, self->corner, sizeof origin);
@@ -98,45 +92,43 @@ static void write_first_tile_vertices(const surface *self) {
   }
 }
 
-static void write_planar_camera(const surface *self, const slice *slices, uint32_t slice_count,
-                                uint32_t rays, bool fogged) {
-  uint32_t width = self->u_count * rays + 1, height = self->v_count * slice_count + 1;
-  uint32_t tile_count = slice_count * rays + fogged;
-  double uv[SAMPLE_MAX_RAYS][2], stn[SAMPLE_MAX_RAYS][3], direction[3];
-  double start = surface_ray_start(self);
+static void write_camera(const shot *self, uint32_t rays, int type) {
+  printf("camera { mesh_camera { %u %d", rays, type);
+  if (self->reach > 0) printf(" %.10g", self->reach);
+  putchar('\n');
+}
+
+static void write_planar_camera(const shot *self, uint32_t width, uint32_t height, bool fogged) {
+  uint32_t rays = self->views.rays, view_tile_count = self->views.view_count * rays;
+  uint32_t tile_count = view_tile_count + fogged;
+  double uv[SAMPLE_MAX_RAYS][2], direction[3];
+  double start = surface_ray_start(self->self);
   sample_texel_offsets(rays, uv);
   frame at;
-  frame_of_vertex(&self->vertices[0], &at);
+  frame_of_vertex(&self->self->vertices[0], &at);
 
   printf("#declare Slf_Tiles = mesh2 {\nvertex_vectors { %u\n", 4 * tile_count);
-  if (fogged) write_first_tile_vertices(self);
-  for (uint32_t k = 0; k < slice_count; k++) {
-    slice_directions(self, slices[k], rays, stn);
-    for (uint32_t m = 0; m < rays; m++) {
-      to_scene(&at, stn[m], direction);
-      write_tile_vertices(self, uv[m], direction, start);
-    }
+  if (fogged) write_first_tile(self->self, at.normal);
+  for (uint32_t i = 0; i < view_tile_count; i++) {
+    to_scene(&at, self->views.stn[i], direction);
+    write_tile_vertices(self, uv[i % rays], direction, start);
   }
   printf("}\nnormal_vectors { %u\n", tile_count);
   if (fogged) printf("<%.10g,%.10g,%.10g>\n", -at.normal[0], -at.normal[1], -at.normal[2]);
-  for (uint32_t k = 0; k < slice_count; k++) {
-    slice_directions(self, slices[k], rays, stn);
-    for (uint32_t m = 0; m < rays; m++) {
-      to_scene(&at, stn[m], direction);
-      printf("<%.10g,%.10g,%.10g>\n", -direction[0], -direction[1], -direction[2]);
-    }
+  for (uint32_t i = 0; i < view_tile_count; i++) {
+    to_scene(&at, self->views.stn[i], direction);
+    printf("<%.10g,%.10g,%.10g>\n", -direction[0], -direction[1], -direction[2]);
   }
   printf("}\nuv_vectors { %u\n", 4 * tile_count);
   /* Row 0 is looked up at y = 0.5, row 1 at y = 1; the first tile that has the place is taken. */
   for (int corner = 0; corner < 4 && fogged; corner++)
     printf("<%d,%.12g>\n", corner & 1, 1 - (corner & 2 ? 0.75 : 0.25) / height);
-  for (uint32_t k = 0; k < slice_count; k++) {
-    for (uint32_t m = 0; m < rays; m++) {
-      for (int corner = 0; corner < 4; corner++) {
-        double x = m * self->u_count + (corner & 1 ? self->u_count - 0.5 : -0.5);
-        double y = 1 + k * self->v_count + (corner & 2 ? self->v_count - 0.5 : -0.5);
-        printf("<%.12g,%.12g>\n", x / width, 1 - y / height);
-      }
+  for (uint32_t i = 0; i < view_tile_count; i++) {
+    for (int corner = 0; corner < 4; corner++) {
+      double u_count = self->grid.u_count, v_count = self->grid.v_count;
+      double x = i % rays * u_count + (corner & 1 ? u_count - 0.5 : -0.5);
+      double y = 1 + i / rays * v_count + (corner & 2 ? v_count - 0.5 : -0.5);
+      printf("<%.12g,%.12g>\n", x / width, 1 - y / height);
     }
   }
   printf("}\nface_indices { %u\n", 2 * tile_count);
@@ -146,7 +138,9 @@ static void write_planar_camera(const surface *self, const slice *slices, uint32
   }
   printf("}\nnormal_indices { %u\n", 2 * tile_count);
   for (uint32_t i = 0; i < tile_count; i++) printf("<%u,%u,%u>\n<%u,%u,%u>\n", i, i, i, i, i, i);
-  printf("} }\ncamera { mesh_camera { 1 3 mesh { Slf_Tiles } smooth } location 0 direction z }\n");
+  printf("} }\n");
+  write_camera(self, 1, 3);
+  printf("mesh { Slf_Tiles } smooth } location 0 direction z }\n");
 }
 
 /* A face whose centroid is the ray's origin and whose right-hand normal is the direction: POV-Ray
@@ -172,7 +166,8 @@ static void write_face(const double origin[3], const double direction[3]) {
 }
 
 /* The frames of all rays of all texels: texel by texel, its rays together, as floats. */
-static float *read_rays(const char *path, const surface *self, uint32_t rays) {
+static float *read_rays(const char *folder, const surface *self, uint32_t rays) {
+  char *path = format_text("%s/%s/rays", folder, self->name);
   size_t count = (size_t)self->u_count * self->v_count * rays * 12;
   float *values = allocate(count, sizeof *values, path);
   FILE *file = fopen(path, "rb");
@@ -180,75 +175,102 @@ static float *read_rays(const char *path, const surface *self, uint32_t rays) {
   if (fread(values, sizeof *values, count, file) != count || fgetc(file) != EOF)
     fail("%s: expected %zu numbers", path, count);
   fclose(file);
+  free(path);
   return values;
 }
 
-static void frame_of_ray(const float values[12], frame *out) {
-  for (int i = 0; i < 3; i++) {
-    out->position[i] = values[i];
-    out->normal[i] = values[3 + i];
-    out->tangent_u[i] = values[6 + i];
-    out->tangent_v[i] = values[9 + i];
+/* Ray m of texel i of the grid. */
+static void frame_of_ray(const shot *self, size_t i, uint32_t m, frame *out) {
+  const texel_grid *grid = &self->grid;
+  size_t u = grid->u_first + i % grid->u_count * grid->u_step;
+  size_t v = grid->v_first + i / grid->u_count * grid->v_step;
+  size_t ray = (v * self->self->u_count + u) * self->views.rays + m;
+  if (self->sources) ray = self->sources[ray];
+  const float *values = self->table + ray * 12;
+  for (int axis = 0; axis < 3; axis++) {
+    out->position[axis] = values[axis];
+    out->normal[axis] = values[3 + axis];
+    out->tangent_u[axis] = values[6 + axis];
+    out->tangent_v[axis] = values[9 + axis];
   }
 }
 
-static void write_curved_camera(const surface *self, const slice *slices, uint32_t slice_count,
-                                uint32_t rays, const float *table) {
-  size_t texel_count = (size_t)self->u_count * self->v_count;
-  double stn[SAMPLE_MAX_RAYS][3];
-  double start = surface_ray_start(self);
-  for (uint32_t m = 0; m < rays; m++) {
-    printf("#declare Slf_Rays_%u = mesh2 {\nvertex_vectors { %zu\n", m,
-           3 * texel_count * slice_count);
-    for (uint32_t k = 0; k < slice_count; k++) {
-      slice_directions(self, slices[k], rays, stn);
-      for (size_t i = 0; i < texel_count; i++) {
-        frame at;
-        double direction[3];
-        frame_of_ray(table + (i * rays + m) * 12, &at);
-        to_scene(&at, stn[m], direction);
-        normalise(direction);
-        add_scaled(at.position, direction, start);
-        write_face(at.position, direction);
-      }
-    }
-    printf("}\nface_indices { %zu\n", texel_count * slice_count);
-    for (size_t i = 0; i < texel_count * slice_count; i++)
-      printf("<%zu,%zu,%zu>\n", 3 * i, 3 * i + 1, 3 * i + 2);
+static void write_view_faces(const shot *self, uint32_t view, uint32_t m, double start) {
+  for (size_t i = 0; i < (size_t)self->grid.u_count * self->grid.v_count; i++) {
+    frame at;
+    double direction[3];
+    frame_of_ray(self, i, m, &at);
+    to_scene(&at, self->views.stn[view * self->views.rays + m], direction);
+    normalise(direction);
+    add_scaled(at.position, direction, start);
+    write_face(at.position, direction);
+  }
+}
+
+/* Mesh m holds ray m of every texel of every view; apart, the one mesh holds ray after ray. */
+static void write_curved_camera(const shot *self) {
+  uint32_t rays = self->views.rays, view_count = self->views.view_count;
+  uint32_t mesh_count = self->apart ? 1 : rays,
+           images = self->apart ? rays * view_count : view_count;
+  size_t face_count = (size_t)self->grid.u_count * self->grid.v_count * images;
+  double start = surface_ray_start(self->self);
+  for (uint32_t mesh = 0; mesh < mesh_count; mesh++) {
+    printf("#declare Slf_Rays_%u = mesh2 {\nvertex_vectors { %zu\n", mesh, 3 * face_count);
+    for (uint32_t k = 0; k < images; k++)
+      write_view_faces(self, self->apart ? k / rays : k, self->apart ? k % rays : mesh, start);
+    printf("}\nface_indices { %zu\n", face_count);
+    for (size_t i = 0; i < face_count; i++) printf("<%zu,%zu,%zu>\n", 3 * i, 3 * i + 1, 3 * i + 2);
     printf("}\nhierarchy off }\n");
   }
-  printf("camera { mesh_camera { %u 0\n", rays);
-  for (uint32_t m = 0; m < rays; m++) printf("mesh { Slf_Rays_%u }\n", m);
+  write_camera(self, mesh_count, 0);
+  for (uint32_t mesh = 0; mesh < mesh_count; mesh++) printf("mesh { Slf_Rays_%u }\n", mesh);
   printf("} location 0 direction z }\n");
 }
 
 int main(int argc, char **argv) {
   if (argc != 6 && argc != 8) {
-    fputs("usage: camera SURFACE.txt RAYTABLE SCENE.pov RAYS CHUNK [FOG_DISTANCE FOG_GREY] > CHUNK.pov\n",
+    fputs("usage: camera FOLDER SURFACE RAYS SCENE.pov CHUNK|cover|light|probe [FOG_DISTANCE FOG_GREY]"
+          " > OUT.pov\n",
           stderr);
     return 2;
   }
-  uint32_t rays = (uint32_t)atoi(argv[4]), slice_count;
-  scene *whole = scene_read(argv[1]);
-  const surface *self = &whole->surfaces[0];
-  slice *slices = surface_slices(self, &slice_count);
-  chunk_range range = surface_chunk(self, rays, (uint32_t)atoi(argv[5]));
+  const char *folder = argv[1], *what = argv[5];
+  surface *on = surface_read(folder, argv[2]);
+  uint32_t rays = (uint32_t)atoi(argv[3]), hole_count, width, height;
+  shot self = {.self = on, .grid = grid_of_all(on)};
+  float *table = on->planar ? NULL : read_rays(folder, on, rays);
+  uint32_t *sources = NULL;
+  if (!strcmp(what, "cover")) {
+    self.views = views_of_cover(rays);
+    self.reach = COVER_REACH * surface_ray_start(on);
+    self.apart = true;
+  } else {
+    sources = cover_sources(folder, on, rays, &hole_count);
+    if (!strcmp(what, "probe"))
+      self.views = probe_views(rays), self.grid = probe_grid(on);
+    else if (!strcmp(what, "light"))
+      self.views = light_views(on, rays), self.grid = light_grid(on);
+    else
+      self.views = views_of_chunk(on, rays, (uint32_t)atoi(what));
+  }
+  self.table = table;
+  self.sources = sources;
 
   /* The size of the frame, for whoever calls POV-Ray. */
-  printf("// +W%u +H%u\n", self->planar ? self->u_count * rays + 1 : self->u_count,
-         self->v_count * range.count + 1);
-  printf("#version 3.7;\n#declare Slf_Pass = 3;\n#include \"%s\"\n", argv[3]);
+  frame_size(on, self.grid, &self.views, self.apart, &width, &height);
+  printf("// +W%u +H%u\n#version 3.7;\n#declare Slf_Pass = %d;\n", width, height,
+         strcmp(what, "light") ? 3 : 4);
+  printf("#declare Slf_Photon_Map = \"%s/light.photons\";\n#include \"%s\"\n", folder, argv[4]);
   if (argc == 8) printf("fog { fog_type 1 distance %s rgb %s }\n", argv[6], argv[7]);
-  if (self->planar) {
-    write_planar_camera(self, slices + range.first, range.count, rays, argc == 8);
-  } else {
-    float *table = read_rays(argv[2], self, rays);
-    write_curved_camera(self, slices + range.first, range.count, rays, table);
-    free(table);
-  }
-  free(slices);
-  scene_free(whole);
+  if (on->planar)
+    write_planar_camera(&self, width, height, argc == 8);
+  else
+    write_curved_camera(&self);
+  free(self.views.stn);
+  free(sources);
+  free(table);
+  surface_free(on);
   if (fflush(stdout) || ferror(stdout))
-    fail("%s: the scene of chunk %s cannot be written", self->name, argv[5]);
+    fail("%s: the scene of its %s cannot be written", argv[2], what);
   return 0;
 }

@@ -3,61 +3,39 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "cover.h"
 #include "fail.h"
+#include "frame.h"
 #include "image.h"
-#include "surface.h"
 
 /* Numbers that the renderer cannot have meant end the bake, with the place where they are. */
-static void check_finite(const surface *self, slice at, uint32_t row, const float *rgb,
-                         const char *path) {
-  for (uint32_t i = 0; i < self->u_count; i++)
-    for (int channel = 0; channel < 3; channel++)
-      if (!isfinite(rgb[i * 3 + channel]))
-        fail("%s: surface '%s', slice %u,%u, texel %u,%u: radiance is %f", path, self->name, at.s,
-             at.t, i, row, rgb[i * 3 + channel]);
-}
-
-/* A row of a planar surface's frame holds `rays` tiles side by side. */
-static void mean_of_tiles(const float *frame_row, uint32_t u_count, uint32_t rays, float *rgb) {
-  for (uint32_t i = 0; i < u_count * 3; i++) {
-    double sum = 0;
-    for (uint32_t m = 0; m < rays; m++) sum += frame_row[m * u_count * 3 + i];
-    rgb[i] = (float)(sum / rays);
-  }
+static void check_finite(const surface *self, slice at, const float *rgb, const char *path) {
+  for (size_t i = 0; i < (size_t)self->u_count * self->v_count * 3; i++)
+    if (!isfinite(rgb[i]))
+      fail("%s: surface '%s', slice %u,%u, texel %zu,%zu: radiance is %f", path, self->name, at.s,
+           at.t, i / 3 % self->u_count, i / 3 / self->u_count, rgb[i]);
 }
 
 int main(int argc, char **argv) {
-  if (argc != 6) {
-    fputs("usage: gather SURFACE.txt RAYS CHUNK FRAME.exr OUT.exr\n", stderr);
+  if (argc != 7) {
+    fputs("usage: gather FOLDER SURFACE RAYS CHUNK FRAME.exr OUT.exr\n", stderr);
     return 2;
   }
-  const char *path = argv[4];
-  scene *whole = scene_read(argv[1]);
-  const surface *self = &whole->surfaces[0];
-  uint32_t rays = (uint32_t)atoi(argv[2]), slice_count;
-  chunk_range range = surface_chunk(self, rays, (uint32_t)atoi(argv[3]));
+  surface *self = surface_read(argv[1], argv[2]);
+  uint32_t rays = (uint32_t)atoi(argv[3]), chunk = (uint32_t)atoi(argv[4]), slice_count, hole_count;
   slice *slices = surface_slices(self, &slice_count);
-
-  /* POV-Ray's type 0 camera has taken the mean itself; see camera.c for the row and column more. */
-  uint32_t tiles = self->planar ? rays : 1;
-  uint32_t width = self->u_count * tiles + self->planar, height = self->v_count * range.count + 1;
-  image *frame = image_open(path);
-  if (image_width(frame) != width || image_height(frame) != height)
-    fail("%s: %u x %u pixels, expected %u x %u", path, image_width(frame), image_height(frame),
-         width, height);
-  float *row = allocate((size_t)width * 3, sizeof *row, path);
-  float *means = allocate((size_t)(height - 1) * self->u_count * 3, sizeof *means, path);
-  for (uint32_t y = 0; y + 1 < height; y++) {
-    float *rgb = means + (size_t)y * self->u_count * 3;
-    image_read_rows(frame, y + 1, 1, row);
-    mean_of_tiles(row, self->u_count, tiles, rgb);
-    check_finite(self, slices[range.first + y / self->v_count], y % self->v_count, rgb, path);
-  }
-  image_close(frame);
-  image_write(argv[5], self->u_count, height - 1, means);
+  uint32_t first = surface_chunk(self, rays, chunk).first;
+  view_list views = views_of_chunk(self, rays, chunk);
+  uint32_t *sources = cover_sources(argv[1], self, rays, &hole_count);
+  float *means = frame_read_means(argv[5], self, grid_of_all(self), &views, sources);
+  for (uint32_t i = 0; i < views.view_count; i++)
+    check_finite(self, slices[first + i], means + (size_t)i * self->u_count * self->v_count * 3,
+                 argv[5]);
+  image_write(argv[6], self->u_count, self->v_count * views.view_count, means);
   free(means);
-  free(row);
+  free(sources);
+  free(views.stn);
   free(slices);
-  scene_free(whole);
+  surface_free(self);
   return 0;
 }

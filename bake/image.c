@@ -14,7 +14,7 @@ struct image {
   int32_t chunk_row_count;
   exr_decode_pipeline_t decode;
   int decode_ready;
-  float *chunk; /* chunk_row_count rows of width x 3 */
+  float *chunk; /* a plane of chunk_row_count rows for each channel */
 };
 
 /* OpenEXR's message holds the file and the numbers; it would print it itself without a handler. */
@@ -49,7 +49,6 @@ image *image_open(const char *path) {
   self->width = (uint32_t)(window.max.x + 1);
   self->height = (uint32_t)(window.max.y + 1);
   check(exr_get_scanlines_per_chunk(self->context, 0, &self->chunk_row_count), path);
-  self->chunk = allocate((size_t)self->chunk_row_count * self->width * 3, sizeof(float), path);
   return self;
 }
 
@@ -61,20 +60,18 @@ uint32_t image_height(const image *self) {
   return self->height;
 }
 
+/* All channels are decoded, each to a plane of its own: the C core of OpenEXR 3.1.5 crashes when
+ * some are left out. */
 static void direct_channels(image *self) {
-  int found = 0;
+  size_t plane_size = (size_t)self->chunk_row_count * self->width;
   for (int i = 0; i < self->decode.channel_count; i++) {
     exr_coding_channel_info_t *channel = &self->decode.channels[i];
-    const char *place = strchr("RGB", channel->channel_name[0]);
-    if (!place || channel->channel_name[1]) continue;
-    channel->decode_to_ptr = (uint8_t *)(self->chunk + (place - "RGB"));
+    channel->decode_to_ptr = (uint8_t *)(self->chunk + (size_t)i * plane_size);
     channel->user_data_type = EXR_PIXEL_FLOAT;
     channel->user_bytes_per_element = sizeof(float);
-    channel->user_pixel_stride = 3 * sizeof(float);
-    channel->user_line_stride = (int32_t)(self->width * 3 * sizeof(float));
-    found++;
+    channel->user_pixel_stride = sizeof(float);
+    channel->user_line_stride = (int32_t)(self->width * sizeof(float));
   }
-  if (found != 3) fail("%s: has no channels R, G and B", self->path);
 }
 
 static void read_chunk(image *self, const exr_chunk_info_t *info) {
@@ -84,13 +81,25 @@ static void read_chunk(image *self, const exr_chunk_info_t *info) {
   } else {
     check(exr_decoding_update(self->context, 0, info, &self->decode), self->path);
   }
+  size_t nbytes = (size_t)self->chunk_row_count * self->width * sizeof(float);
+  if (!self->chunk) self->chunk = allocate((size_t)self->decode.channel_count, nbytes, self->path);
   direct_channels(self);
   check(exr_decoding_choose_default_routines(self->context, 0, &self->decode), self->path);
   check(exr_decoding_run(self->context, 0, &self->decode), self->path);
 }
 
-void image_read_rows(image *self, uint32_t first_row, uint32_t row_count, float *rgb) {
-  size_t row_nbytes = self->width * 3 * sizeof(float);
+static const float *plane_of(const image *self, char name) {
+  for (int i = 0; i < self->decode.channel_count; i++) {
+    const char *channel = self->decode.channels[i].channel_name;
+    if (channel[0] == name && !channel[1])
+      return self->chunk + (size_t)i * (size_t)self->chunk_row_count * self->width;
+  }
+  fail("%s: has no channel %c", self->path, name);
+}
+
+void image_read_rows(image *self, const char *channels, uint32_t first_row, uint32_t row_count,
+                     float *values) {
+  size_t channel_count = strlen(channels), row_size = self->width * channel_count;
   uint32_t row = first_row;
   while (row < first_row + row_count) {
     exr_chunk_info_t info;
@@ -98,9 +107,13 @@ void image_read_rows(image *self, uint32_t first_row, uint32_t row_count, float 
     read_chunk(self, &info);
     uint32_t chunk_end = (uint32_t)(info.start_y + info.height);
     uint32_t end = chunk_end < first_row + row_count ? chunk_end : first_row + row_count;
-    memcpy(rgb + (size_t)(row - first_row) * self->width * 3,
-           self->chunk + (size_t)(row - (uint32_t)info.start_y) * self->width * 3,
-           (end - row) * row_nbytes);
+    size_t count = (size_t)(end - row) * self->width;
+    for (size_t c = 0; c < channel_count; c++) {
+      const float *from =
+          plane_of(self, channels[c]) + (size_t)(row - (uint32_t)info.start_y) * self->width;
+      float *to = values + (row - first_row) * row_size + c;
+      for (size_t i = 0; i < count; i++) to[i * channel_count] = from[i];
+    }
     row = end;
   }
 }

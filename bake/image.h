@@ -12,8 +12,10 @@ typedef struct image image;
 image *image_open(const char *path);
 uint32_t image_width(const image *);
 uint32_t image_height(const image *);
-/* Reads row_count rows from first_row into rgb: width x 3 floats a row. */
-void image_read_rows(image *, uint32_t first_row, uint32_t row_count, float *rgb);
+/* Reads row_count rows from first_row of the channels named, "RGB" or "A": width x channels floats
+ * a row. */
+void image_read_rows(image *, const char *channels, uint32_t first_row, uint32_t row_count,
+                     float *values);
 void image_close(image *);
 
 /* Writes half-float R G B, not compressed: rows are read at random, and the C core of OpenEXR 3.1.5

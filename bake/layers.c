@@ -65,18 +65,13 @@ static void split(const splitting *by, const float *full, float *const through[F
   height[0] = height[1] = height[2] = distance * by->n;
 }
 
-static float *read_rows(image *from, uint32_t row_count, const char *path) {
-  float *rgb = allocate((size_t)image_width(from) * row_count * 3, sizeof *rgb, path);
-  image_read_rows(from, 0, row_count, rgb);
-  return rgb;
-}
-
 static float *read_means(const char *path, const surface *self, uint32_t row_count) {
   image *from = image_open(path);
   if (image_width(from) != self->u_count || image_height(from) != row_count)
     fail("%s: %u x %u texels, expected %u x %u", path, image_width(from), image_height(from),
          self->u_count, row_count);
-  float *rgb = read_rows(from, row_count, path);
+  float *rgb = allocate((size_t)self->u_count * row_count * 3, sizeof *rgb, path);
+  image_read_rows(from, "RGB", 0, row_count, rgb);
   image_close(from);
   return rgb;
 }
@@ -93,16 +88,16 @@ static void check_fog(const surface *self, float *const through[FOG_COUNT], size
          self->name);
 }
 
-static void split_chunk(const surface *self, uint32_t rays, uint32_t chunk_index, const char *means,
-                        const char *out) {
+static void split_chunk(const surface *self, uint32_t rays, uint32_t chunk_index, const char *full_path,
+                        const char *fog_path, const char *out) {
   chunk_range range = surface_chunk(self, rays, chunk_index);
   uint32_t slice_count, row_count = range.count * self->v_count;
   slice *slices = surface_slices(self, &slice_count);
-  float *full = read_means(means, self, row_count), *through[FOG_COUNT];
+  float *full = read_means(full_path, self, row_count), *through[FOG_COUNT];
   fog fogs[FOG_COUNT];
   make_fogs(self, fogs);
   for (int i = 0; i < FOG_COUNT; i++) {
-    char *path = format_text("%s.%d", means, i);
+    char *path = format_text("%s.%d", fog_path, i);
     through[i] = read_means(path, self, row_count);
     free(path);
   }
@@ -136,22 +131,21 @@ static void split_chunk(const surface *self, uint32_t rays, uint32_t chunk_index
 }
 
 int main(int argc, char **argv) {
-  bool lists = argc == 3 && !strcmp(argv[1], "fogs");
-  if (!lists && !(argc == 7 && !strcmp(argv[1], "split"))) {
-    fputs("usage: layers fogs SURFACE.txt\n"
-          "       layers split SURFACE.txt RAYS CHUNK MEANS OUT.exr\n",
+  bool lists = argc == 4 && !strcmp(argv[1], "fogs");
+  if (!lists && !(argc == 9 && !strcmp(argv[1], "split"))) {
+    fputs("usage: layers fogs FOLDER SURFACE > FOGS\n"
+          "       layers split FOLDER SURFACE RAYS CHUNK FULL.exr FOG OUT.exr\n"
+          "FOGS: number, distance and grey a line, none if it has no layers; FOG.number is seen through it\n",
           stderr);
     return 2;
   }
-  scene *whole = scene_read(argv[2]);
-  const surface *self = &whole->surfaces[0];
+  surface *self = surface_read(argv[2], argv[3]);
   fog fogs[FOG_COUNT];
   make_fogs(self, fogs);
-  if (lists)
-    for (int i = 0; i < FOG_COUNT && surface_has_layers(self); i++)
-      printf("%d %.10g %g\n", i, fogs[i].distance, fogs[i].grey);
-  else
-    split_chunk(self, (uint32_t)atoi(argv[3]), (uint32_t)atoi(argv[4]), argv[5], argv[6]);
-  scene_free(whole);
+  if (!lists)
+    split_chunk(self, (uint32_t)atoi(argv[4]), (uint32_t)atoi(argv[5]), argv[6], argv[7], argv[8]);
+  for (int i = 0; i < FOG_COUNT && lists && surface_has_layers(self); i++)
+    printf("%d %.10g %g\n", i, fogs[i].distance, fogs[i].grey);
+  surface_free(self);
   return 0;
 }

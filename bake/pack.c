@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cover.h"
 #include "fail.h"
 #include "image.h"
 #include "surface.h"
@@ -20,9 +21,10 @@ static void check(slf_result result, const slf_error *error) {
   if (result != SLF_OK) fail("%s", error->message);
 }
 
-/* Where the encoder reads slices: the chunks of one surface, one of them open at a time. A chunk of
- * a surface with layers has for each slice its own radiance, what it reflects, and heights, below
- * each other (layers.c). */
+/* A chunk of a surface with layers has for each slice these, below each other (layers.c). */
+enum { PART_OWN, PART_REFLECTED, PART_HEIGHT, PART_COUNT };
+
+/* Where the encoder reads slices: the chunks of one surface, one of them open at a time. */
 typedef struct {
   const char *folder;
   const surface *self;
@@ -31,11 +33,7 @@ typedef struct {
   image *chunk;
   uint32_t chunk_index;
   uint32_t part, part_count; /* of a slice: which is read, of how many */
-  uint32_t step;             /* one texel of `step` x `step` is read */
-  float height_unit;         /* above 0: heights, not radiance */
 } slice_reader;
-
-enum { PART_OWN, PART_REFLECTED, PART_HEIGHT, PART_COUNT };
 
 static void open_chunk(slice_reader *reader, uint32_t chunk_index) {
   if (reader->chunk && reader->chunk_index == chunk_index) return;
@@ -50,42 +48,27 @@ static void open_chunk(slice_reader *reader, uint32_t chunk_index) {
   free(path);
 }
 
-/* Heights as grey of the height's code. One of step x step texels stands for them all, not their mean:
- * between a thing and what is behind it there is nothing. */
-static void read_heights(slice_reader *reader, uint32_t first_row, float *rgb) {
-  uint32_t u_count = reader->self->u_count, step = reader->step;
-  float *row = allocate((size_t)u_count * 3, sizeof *row, reader->self->name);
-  for (uint32_t y = step / 2; y < reader->self->v_count; y += step) {
-    image_read_rows(reader->chunk, first_row + y, 1, row);
-    for (uint32_t x = step / 2; x < u_count; x += step, rgb += 3)
-      rgb[0] = rgb[1] = rgb[2] =
-          slf_linear_from_srgb(slf_code_from_height(row[3 * x], reader->height_unit));
-  }
-  free(row);
-}
-
 static slf_result read_slice(void *context, uint32_t s, uint32_t t, float *rgb, slf_error *error) {
   (void)error;
   slice_reader *reader = context;
   const surface *self = reader->self;
   uint32_t place = reader->place[t * self->s_count + s];
   open_chunk(reader, place / reader->slices_per_chunk);
-  uint32_t first = place % reader->slices_per_chunk * reader->part_count + reader->part;
-  if (reader->height_unit > 0)
-    read_heights(reader, first * self->v_count, rgb);
-  else
-    image_read_rows(reader->chunk, first * self->v_count, self->v_count, rgb);
+  uint32_t image_index = place % reader->slices_per_chunk * reader->part_count + reader->part;
+  image_read_rows(reader->chunk, "RGB", image_index * self->v_count, self->v_count, rgb);
+  if (reader->part == PART_HEIGHT)
+    for (size_t i = 0; i < (size_t)self->u_count * self->v_count * 3; i++)
+      rgb[i] = slf_linear_from_srgb(slf_code_from_height(rgb[i], (float)self->layers));
   return SLF_OK;
 }
 
 static slice_reader open_slices(const char *folder, const surface *self, uint32_t rays,
-                                uint32_t part) {
+                                uint32_t part, uint32_t part_count) {
   slice_reader reader = {
       .folder = folder,
       .self = self,
       .part = part,
-      .part_count = surface_has_layers(self) ? PART_COUNT : 1,
-      .step = 1,
+      .part_count = part_count,
       .slices_per_chunk = surface_slices_per_chunk(self, rays),
       .place = allocate((size_t)self->s_count * self->t_count, sizeof *reader.place, self->name)};
   uint32_t slice_count;
@@ -131,49 +114,34 @@ static void write_geometry(const surface *self) {
   free(triangles);
 }
 
-static void write_layer(const char *folder, const surface *self, uint32_t rays) {
+static void report_holes(const char *folder, const surface *self, uint32_t rays) {
+  uint32_t hole_count;
+  free(cover_sources(folder, self, rays, &hole_count));
+  if (hole_count)
+    fprintf(stderr,
+            "bake: surface '%s': %u of %u texels have no surface behind them: filled from their "
+            "neighbours\n",
+            self->name, hole_count, self->u_count * self->v_count);
+}
+
+static void write_layer(const char *folder, const surface *self, uint32_t rays, slf_role role) {
   slf_error error;
-  slice_reader reader = open_slices(folder, self, rays, 0);
+  slice_reader reader = role == SLF_ROLE_FULL
+                            ? open_slices(folder, self, rays, 0, 1)
+                            : open_slices(folder, self, rays, role - SLF_ROLE_OWN, PART_COUNT);
   slf_source source = {.read_slice = read_slice, .context = &reader};
-  slf_layer_options options = {.role = SLF_ROLE_FULL,
+  slf_layer_options options = {.role = role,
                                .curve = SLF_CURVE_SRGB,
                                .angular = SLF_ANGULAR_NONE,
                                .u_count = self->u_count,
                                .v_count = self->v_count,
                                .s_count = self->s_count,
                                .t_count = self->t_count,
-                               .quality = 90};
+                               .quality = 90,
+                               .height_unit = role == SLF_ROLE_HEIGHT ? (float)self->layers : 0};
   check(slf_writer_add_layer(writer, &options, &source, &error), &error);
   image_close(reader.chunk);
   free(reader.place);
-}
-
-static double envn(const char *n, double d) { return getenv(n) ? atof(getenv(n)) : d; }
-static void write_part(const char *folder, const surface *self, uint32_t rays, uint32_t part, uint32_t step, float quality) {
-  slf_error error;
-  slice_reader reader = open_slices(folder, self, rays, part);
-  reader.step = step;
-  reader.height_unit = part == PART_HEIGHT ? (float)(self->layers*envn("HU",1)) : 0;
-  slf_source source = {.read_slice = read_slice, .context = &reader};
-  slf_layer_options options = {.role = SLF_ROLE_OWN + part,
-                               .curve = SLF_CURVE_SRGB,
-                               .angular = getenv("ANG") ? atoi(getenv("ANG")) : SLF_ANGULAR_NONE,
-                               .u_count = self->u_count/step,
-                               .v_count = self->v_count/step,
-                               .s_count = self->s_count,
-                               .t_count = self->t_count,
-                               .quality = quality,
-                               .height_unit = reader.height_unit};
-  check(slf_writer_add_layer(writer, &options, &source, &error), &error);
-  image_close(reader.chunk);
-  free(reader.place);
-}
-
-
-static void write_layers(const char *folder, const surface *self, uint32_t rays) {
-  write_part(folder, self, rays, PART_OWN, 1, envn("QC",90));
-  write_part(folder, self, rays, PART_REFLECTED, 1, envn("QC", 90));
-  write_part(folder, self, rays, PART_HEIGHT, envn("HSTEP",1), envn("QH",90));
 }
 
 /* name lx ly lz ax ay az angle_deg, one view a line; # begins a comment. */
@@ -203,23 +171,25 @@ int main(int argc, char **argv) {
   slf_error error;
   const char *folder = argv[1];
   uint32_t rays = (uint32_t)atoi(argv[2]);
-  char *path = format_text("%s/scene.txt", folder);
-  scene *whole = scene_read(path);
+  scene *whole = scene_read(folder);
   atexit(abort_writer);
   check(slf_writer_create(argv[argc - 1], &writer, &error), &error);
   slf_writer_set_background(writer, whole->background);
   if (argc == 5) write_views(argv[3]);
   for (uint32_t i = 0; i < whole->surface_count; i++) {
     write_geometry(&whole->surfaces[i]);
-    if (surface_has_layers(&whole->surfaces[i]))
-      write_layers(folder, &whole->surfaces[i], rays);
-    else
-      write_layer(folder, &whole->surfaces[i], rays);
+    report_holes(folder, &whole->surfaces[i], rays);
+    if (!surface_has_layers(&whole->surfaces[i])) {
+      write_layer(folder, &whole->surfaces[i], rays, SLF_ROLE_FULL);
+      continue;
+    }
+    write_layer(folder, &whole->surfaces[i], rays, SLF_ROLE_OWN);
+    write_layer(folder, &whole->surfaces[i], rays, SLF_ROLE_REFLECTED);
+    write_layer(folder, &whole->surfaces[i], rays, SLF_ROLE_HEIGHT);
   }
   slf_result finished = slf_writer_finish(writer, &error);
   writer = NULL; /* freed either way */
   check(finished, &error);
-  free(path);
   scene_free(whole);
   return 0;
 }

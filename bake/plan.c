@@ -1,6 +1,6 @@
-/* plan - cuts a described scene into what make bakes: a folder for each surface with the surface's
- * own description, touched only when that changes, and the list of chunks as make rules. Says what
- * the bake will take. */
+/* plan - what make bakes of a described scene, as rules. `plan surfaces` makes a folder for each
+ * surface with its own description, touched only when that changes, and lists what each surface
+ * needs; `plan chunks` lists the chunks, once directions that were to be chosen are. */
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -39,7 +39,15 @@ static void write_text_if_changed(const char *path, const char *text, size_t nby
   free(part);
 }
 
-/* The lines of the description from "surface NAME" to the next surface or the scene's own lines. */
+/* Lines of the description that belong to the scene, not to the surface before them. */
+static bool is_scene_line(const char *line) {
+  const char *const words[] = {"surface ", "water ", "background ", "radiosity\n", "photons\n"};
+  for (size_t i = 0; i < sizeof words / sizeof *words; i++)
+    if (!strncmp(line, words[i], strlen(words[i]))) return true;
+  return false;
+}
+
+/* The lines of the description from "surface NAME" to the next line that is not the surface's. */
 static void write_surface(const char *folder, const surface *self, const char *text) {
   char *head = format_text("surface %s ", self->name);
   char *path = format_text("%s/%s", folder, self->name);
@@ -48,8 +56,7 @@ static void write_surface(const char *folder, const surface *self, const char *t
   do {
     end = strchr(end, '\n');
     end = end ? end + 1 : begin + strlen(begin);
-  } while (*end && strncmp(end, "surface ", 8) && strncmp(end, "water ", 6) &&
-           strncmp(end, "background ", 11));
+  } while (*end && !is_scene_line(end));
   if (mkdir(path, 0777) && errno != EEXIST) fail("%s: cannot be made: %s", path, strerror(errno));
   write_text_if_changed(file, begin, (size_t)(end - begin));
   free(file);
@@ -57,34 +64,59 @@ static void write_surface(const char *folder, const surface *self, const char *t
   free(head);
 }
 
-static void write_rules(FILE *out, const char *folder, const surface *self, uint32_t rays) {
+/* What has to be known before chunks are: where a curved surface's rays are, which of them find it,
+ * and how many directions it takes where that is to be chosen. */
+static void write_preparations(FILE *out, const char *folder, const surface *self, uint32_t rays) {
   char *path = format_text("%s/%s", folder, self->name);
   uint32_t part_count = surface_ray_part_count(self, rays);
   for (uint32_t i = 0; i < part_count; i++)
     fprintf(out, "RAY_PARTS += %s/rays.%04u\n%s/rays.made: %s/rays.%04u\n", path, i, path, path, i);
   if (part_count) fprintf(out, "RAY_TABLES += %s/rays\n", path);
+  fprintf(out, "COVERS += %s/cover\n%s/cover.made: %s/surface.txt%s%s%s\n", path, path, path,
+          part_count ? " " : "", part_count ? path : "", part_count ? "/rays" : "");
+  if (self->auto_error)
+    fprintf(out, "CHOICES += %s/choice\n%s/choice.made: %s/surface.txt %s/cover%s%s%s\n", path,
+            path, path, path, part_count ? " " : "", part_count ? path : "",
+            part_count ? "/rays" : "");
+  free(path);
+}
+
+static void write_chunks(FILE *out, const char *folder, const surface *self, uint32_t rays) {
+  char *path = format_text("%s/%s", folder, self->name);
+  bool curved = !self->planar;
   for (uint32_t i = 0, chunk_count = surface_chunk_count(self, rays); i < chunk_count; i++)
-    fprintf(out, "CHUNKS += %s/%04u.exr\n%s/%04u.exr: %s/surface.txt%s%s%s\n", path, i, path, i,
-            path, part_count ? " " : "", part_count ? path : "", part_count ? "/rays" : "");
+    fprintf(out, "CHUNKS += %s/%04u.exr\n%s/%04u.exr: %s/surface.txt %s/cover%s%s%s%s%s%s\n", path,
+            i, path, i, path, path, curved ? " " : "", curved ? path : "", curved ? "/rays" : "",
+            self->auto_error ? " " : "", self->auto_error ? path : "",
+            self->auto_error ? "/choice" : "");
   free(path);
 }
 
 int main(int argc, char **argv) {
-  if (argc != 4) {
-    fputs("usage: plan SCENE.txt FOLDER RAYS > PLAN.mk\n", stderr);
+  if (argc != 4 || (strcmp(argv[1], "surfaces") && strcmp(argv[1], "chunks"))) {
+    fputs("usage: plan surfaces|chunks FOLDER RAYS > OUT.mk\n", stderr);
     return 2;
   }
   const char *folder = argv[2];
   uint32_t rays = (uint32_t)atoi(argv[3]);
   if (!sample_count_is_valid(rays)) fail("RAYS=%s: expected 1, 9, 25, 49 or 121", argv[3]);
-  scene *whole = scene_read(argv[1]);
+  scene *whole = scene_read(folder);
   if (!whole->surface_count) fail("the scene names no surface: see bake/slf.inc");
-  char *text = read_text(argv[1]);
+  char *path = format_text("%s/scene.txt", folder), *text = read_text(path);
+  if (!strcmp(argv[1], "surfaces") && (whole->radiosity || whole->photons))
+    printf("BAKE_LIGHT := %s%s\n", whole->radiosity ? "radiosity " : "",
+           whole->photons ? "photons" : "");
   for (uint32_t i = 0; i < whole->surface_count; i++) {
-    write_surface(folder, &whole->surfaces[i], text);
-    write_rules(stdout, folder, &whole->surfaces[i], rays);
+    const surface *self = &whole->surfaces[i];
+    if (!strcmp(argv[1], "surfaces")) {
+      write_surface(folder, self, text);
+      write_preparations(stdout, folder, self, rays);
+    } else {
+      write_chunks(stdout, folder, self, rays);
+    }
   }
   free(text);
+  free(path);
   scene_free(whole);
   if (fflush(stdout) || ferror(stdout)) fail("%s: the plan cannot be written", folder);
   return 0;

@@ -69,15 +69,14 @@ static void add_surface(tally *sum, const char *folder, const surface *self, uin
 
 static tally count(const char *folder, uint32_t rays, uint32_t *surface_count) {
   tally sum = {0};
-  char *path = format_text("%s/scene.txt", folder), *look = format_text("%s/look", folder);
-  scene *whole = scene_read(path);
+  char *look = format_text("%s/look", folder);
+  scene *whole = scene_read(folder);
   double cost_us = number_in(folder, "cost", 3), look_at = changed_at(look);
   for (uint32_t i = 0; i < whole->surface_count; i++)
     add_surface(&sum, folder, &whole->surfaces[i], rays, look_at, cost_us);
   *surface_count = whole->surface_count;
   scene_free(whole);
   free(look);
-  free(path);
   return sum;
 }
 

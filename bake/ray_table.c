@@ -21,16 +21,15 @@ static bool frame_is_orthonormal(const float *normal, const float *tangent_u,
 }
 
 int main(int argc, char **argv) {
-  if (argc != 5) {
-    fputs("usage: ray_table SURFACE.txt RAYS PART TEXT > TABLE\n", stderr);
+  if (argc != 6) {
+    fputs("usage: ray_table FOLDER SURFACE RAYS PART TEXT > TABLE\n", stderr);
     return 2;
   }
-  scene *whole = scene_read(argv[1]);
-  const surface *self = &whole->surfaces[0];
-  uint32_t rays = (uint32_t)atoi(argv[2]);
-  row_range rows = surface_ray_rows(self, rays, (uint32_t)atoi(argv[3]));
-  FILE *text = fopen(argv[4], "r");
-  if (!text) fail("%s: surface '%s': POV-Ray wrote no rays", argv[4], self->name);
+  surface *self = surface_read(argv[1], argv[2]);
+  uint32_t rays = (uint32_t)atoi(argv[3]);
+  row_range rows = surface_ray_rows(self, rays, (uint32_t)atoi(argv[4]));
+  FILE *text = fopen(argv[5], "r");
+  if (!text) fail("%s: surface '%s': POV-Ray wrote no rays", argv[5], self->name);
   size_t count = (size_t)rows.count * self->u_count * rays;
   for (size_t i = 0; i < count; i++) {
     float values[12];
@@ -47,6 +46,6 @@ int main(int argc, char **argv) {
   }
   fclose(text);
   if (fflush(stdout)) fail("surface '%s': its rays cannot be written", self->name);
-  scene_free(whole);
+  surface_free(self);
   return 0;
 }

@@ -26,8 +26,8 @@ static void check_surface(const char *path, const scene *self, const surface *ne
       new->v_count > SLF_MAX_TEXELS)
     fail("%s: surface '%s': %u x %u texels, expected 1 to %d", path, new->name, new->u_count,
          new->v_count, SLF_MAX_TEXELS);
-  if (new->s_count < 1 || new->s_count > SLF_MAX_DIRECTIONS || new->t_count < 1 ||
-      new->t_count > SLF_MAX_DIRECTIONS)
+  if (new->s_count > SLF_MAX_DIRECTIONS || new->t_count > SLF_MAX_DIRECTIONS ||
+      !new->s_count != !new->t_count)
     fail("%s: surface '%s': %u x %u directions, expected 1 to %d", path, new->name, new->s_count,
          new->t_count, SLF_MAX_DIRECTIONS);
 }
@@ -57,8 +57,8 @@ static bool read_vector(FILE *file, double vector[3]) {
 static void read_surface(FILE *file, const char *path, scene *self) {
   surface new = {0};
   int wrap_u, wrap_v;
-  if (fscanf(file, "%63s %u %u %u %u %d %d %lf", new.name, &new.u_count, &new.v_count, &new.s_count,
-             &new.t_count, &wrap_u, &wrap_v, &new.layers) != 8)
+  if (fscanf(file, "%63s %u %u %u %u %d %d", new.name, &new.u_count, &new.v_count, &new.s_count,
+             &new.t_count, &wrap_u, &wrap_v) != 7)
     fail("%s: surface '%s': incomplete", path, new.name);
   check_surface(path, self, &new);
   if (self->surface_count == SLF_MAX_SURFACES)
@@ -69,7 +69,7 @@ static void read_surface(FILE *file, const char *path, scene *self) {
   self->surfaces[self->surface_count++] = new;
 }
 
-scene *scene_read(const char *path) {
+static scene *read_description(const char *path) {
   FILE *file = fopen(path, "r");
   if (!file) fail("%s: cannot be opened", path);
   scene *self = allocate(1, sizeof *self, path);
@@ -78,6 +78,12 @@ scene *scene_read(const char *path) {
     surface *last = self->surface_count ? &self->surfaces[self->surface_count - 1] : NULL;
     if (!strcmp(word, "surface")) {
       read_surface(file, path, self);
+    } else if (!strcmp(word, "layers") && last) {
+      if (fscanf(file, "%lf", &last->layers) != 1 || !(last->layers > 0))
+        fail("%s: surface '%s': layers: expected a distance above 0", path, last->name);
+    } else if (!strcmp(word, "auto") && last) {
+      if (fscanf(file, "%lf", &last->auto_error) != 1 || !(last->auto_error > 0))
+        fail("%s: surface '%s': auto: expected an error above 0", path, last->name);
     } else if (!strcmp(word, "planar") && last) {
       last->planar = true;
       if (!read_vector(file, last->corner) || !read_vector(file, last->edge_u) ||
@@ -89,6 +95,10 @@ scene *scene_read(const char *path) {
       surface *water = (surface *)scene_find(self, word);
       if (!water) fail("%s: Slf_Water: no surface is called '%s'", path, word);
       water->flags |= SLF_SURFACE_WATER;
+    } else if (!strcmp(word, "radiosity")) {
+      self->radiosity = true;
+    } else if (!strcmp(word, "photons")) {
+      self->photons = true;
     } else if (!strcmp(word, "background")) {
       double rgb[3];
       if (!read_vector(file, rgb)) fail("%s: background: expected a colour", path);
@@ -104,10 +114,46 @@ scene *scene_read(const char *path) {
   return self;
 }
 
+static void read_choice(const char *folder, surface *self) {
+  if (!self->auto_error) return;
+  char *path = format_text("%s/%s/choice", folder, self->name);
+  FILE *file = fopen(path, "r");
+  if (file) {
+    if (fscanf(file, "%u %u", &self->s_count, &self->t_count) != 2)
+      fail("%s: expected two numbers of directions", path);
+    fclose(file);
+  }
+  free(path);
+}
+
+scene *scene_read(const char *folder) {
+  char *path = format_text("%s/scene.txt", folder);
+  scene *self = read_description(path);
+  for (uint32_t i = 0; i < self->surface_count; i++) read_choice(folder, &self->surfaces[i]);
+  free(path);
+  return self;
+}
+
 void scene_free(scene *self) {
   if (!self) return;
   for (uint32_t i = 0; i < self->surface_count; i++) free(self->surfaces[i].vertices);
   free(self->surfaces);
+  free(self);
+}
+
+surface *surface_read(const char *folder, const char *name) {
+  char *path = format_text("%s/%s/surface.txt", folder, name);
+  scene *whole = read_description(path);
+  if (whole->surface_count != 1) fail("%s: expected one surface", path);
+  surface *self = whole->surfaces;
+  read_choice(folder, self);
+  free(whole);
+  free(path);
+  return self;
+}
+
+void surface_free(surface *self) {
+  free(self->vertices);
   free(self);
 }
 

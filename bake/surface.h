@@ -1,10 +1,13 @@
 /* surface.h - the surfaces that a scene names, and how their rays are cut into chunks.
  *
  * The describe pass of slf.inc writes one text file for a scene:
- *   surface NAME TEXELS_U TEXELS_V DIRECTIONS_S DIRECTIONS_T WRAP_U WRAP_V LAYERS
+ *   surface NAME TEXELS_U TEXELS_V DIRECTIONS_S DIRECTIONS_T WRAP_U WRAP_V
+ *   layers DISTANCE                      (only if it is to be baked as layers)
+ *   auto ERROR                           (only if the directions are 0 x 0: to be chosen)
  *   planar CORNER EDGE_U EDGE_V          (only if P(U,V) = corner + U edge_u + V edge_v)
  *   grid COLUMNS ROWS                    then as many vertices, row by row:
  *   POSITION NORMAL TANGENT_U TANGENT_V U V
+ *   radiosity, photons                   (only if the light pass is to fill their caches)
  *   water NAME
  *   background R G B
  * A chunk is what one run of POV-Ray renders: a few slices of one surface. */
@@ -19,9 +22,10 @@
 typedef struct {
   char name[SLF_NAME_NBYTES];
   uint32_t u_count, v_count; /* texels */
-  uint32_t s_count, t_count; /* directions; 1 x 1: matte */
-  uint32_t flags;            /* SLF_SURFACE_... */
-  double layers;             /* 0: one layer; else about how far away what it reflects is */
+  uint32_t s_count, t_count; /* directions; 1 x 1: matte; 0 x 0: not chosen yet */
+  double auto_error; /* what the choice of directions may cost (choose.c); 0: they are given */
+  uint32_t flags;    /* SLF_SURFACE_... */
+  double layers;     /* 0: one layer; else about how far away what it reflects is (layers.c) */
   bool planar;
   double corner[3], edge_u[3], edge_v[3]; /* of a planar surface */
   uint32_t column_count, row_count;       /* of the mesh */
@@ -31,21 +35,26 @@ typedef struct {
 typedef struct {
   uint32_t surface_count;
   surface *surfaces;
-  float background[3]; /* linear */
+  float background[3];     /* linear */
+  bool radiosity, photons; /* shared by all slices: the light pass fills their caches */
 } scene;
 
-/* Reads what the describe pass wrote; ends the program with a line for what is wrong. */
-scene *scene_read(const char *path);
+/* Reads what the describe pass wrote, FOLDER/scene.txt, or the part of it on one surface,
+ * FOLDER/NAME/surface.txt; ends the program with a line for what is wrong. Directions that are to
+ * be chosen come from FOLDER/NAME/choice, and are 0 x 0 while there is none. */
+scene *scene_read(const char *folder);
 void scene_free(scene *);
+surface *surface_read(const char *folder, const char *name);
+void surface_free(surface *);
 /* The surface called `name`, or NULL. */
 const surface *scene_find(const scene *, const char *name);
+
+/* Whether it is baked as layers; a matte one never is. */
+bool surface_has_layers(const surface *);
 
 typedef struct {
   uint16_t s, t;
 } slice;
-
-/* Whether it is baked as layers: layers.c. */
-bool surface_has_layers(const surface *);
 
 /* The slices of a surface that exist, t by t and s by s: the order in which they are cut into
  * chunks. The caller frees the list. */

@@ -48,8 +48,17 @@ typedef struct {
   huffman_code codes[CODE_COUNT]; /* symbol_count 0: not used */
 } block_codes;
 
-/* Natural (row-major) place of the k-th coefficient of the zigzag scan. */
-extern const uint8_t slf_zigzag[COEFFICIENTS];
+/* Blocks of coefficients are column-major here: 8 * horizontal + vertical frequency, which spares
+ * the inverse transform a transposition. Place of the k-th coefficient of JPEG's zigzag scan; a
+ * damaged block may step on as far as 63 + 64 + 16, all of it to place 64. */
+enum { SPARE_PLACES = 80 };
+extern const uint8_t slf_zigzag[COEFFICIENTS + SPARE_PLACES];
+
+/* JPEG's magnitude bits (ISO/IEC 10918-1, F.1.2.1): size bits, negative where the first is 0. */
+static inline int32_t extend(uint32_t value, unsigned size) {
+  return size && value >> (size - 1) == 0 ? (int32_t)value - (int32_t)((1u << size) - 1)
+                                          : (int32_t)value;
+}
 
 /* An AC entry holds as many whole levels as FAST_BITS show, two at most: bits 0-7 how many bits
  * they take, 0 if none is whole; 8-15 and 16-23 how far each lies behind the one before (0: there
@@ -64,15 +73,10 @@ typedef struct {
 
 void block_tables_make(const block_codes *codes, block_tables *tables);
 
-/* A position in a stream. */
-typedef struct {
-  const uint8_t *bytes;
-  uint64_t bit, end_bit;
-} bit_cursor;
-
 /* What the C-Blocks of an entry add up to so far. */
 typedef struct {
-  int16_t levels[3][LEVELS_STRIDE]; /* natural order, in the stream's levels */
+  int16_t levels[3][LEVELS_STRIDE]; /* column-major, in the stream's levels */
+  unsigned ac_flags;                /* bit c: channel c may have an AC level */
   int16_t intra_dc[3];
   predictor predictor; /* of the last block that was not PREVIOUS */
   int shift_u, shift_v;
@@ -80,15 +84,11 @@ typedef struct {
 } entry_state;
 
 static inline void entry_begin(entry_state *state) {
+  state->ac_flags = 7;
   state->intra_dc[0] = state->intra_dc[1] = state->intra_dc[2] = 0;
   state->predictor = PREDICT_INTRA;
   state->shift_u = state->shift_v = 0;
   state->anchor = 0;
 }
-
-/* Reads the entry's next C-Block, its `number`-th from 0; `first` if it is its place's first, which
- * nothing precedes. False if its bits are no C-Block. */
-bool block_parse(const block_tables *tables, bit_cursor *cursor, uint32_t number, bool first,
-                 entry_state *state);
 
 #endif

@@ -1,274 +1,417 @@
-/* decode.c - finding and decoding blocks. */
-#include "codec/decode.h"
-
-#include "codec/file.h"
+/* decode.c - from a block's address to its texels. Compiled for each kernel: see kernel.h. */
+#include "codec/kernel.h"
 
 #include <stdatomic.h>
-#include <stdlib.h>
 
-typedef int16_t fine_block[3][COEFFICIENTS];
+/* ---- Entries ------------------------------------------------------------------------------- */
 
-/* ---- Levels -------------------------------------------------------------------------------------
- */
+/* A block in a stream. */
+typedef struct {
+  const layer_stream *stream;
+  uint64_t entry;
+  uint32_t number;      /* in its entry */
+  uint32_t slice_count; /* blocks a place */
+} block_site;
 
-/* Reads an entry up to block `slice` of slice_count at a place; a damaged one ends early, with what
- * was read. */
-static void parse_entry(const layer_stream *stream, uint32_t unit, uint64_t place,
-                        uint32_t slice_count, uint32_t slice, entry_state *state) {
-  const block_stream *blocks = &stream->blocks;
-  uint64_t entry = unit * stream->entries_per_unit + place / stream->run_places;
-  bit_cursor cursor = {blocks->bytes, stream_find(blocks, entry),
-                       (blocks->nbytes - STREAM_PAD_NBYTES) * 8};
-  entry_begin(state);
-  uint32_t number = (uint32_t)(place % stream->run_places) * slice_count + slice;
-  for (uint32_t i = 0; i <= number; i++)
-    if (!block_parse(stream->tables, &cursor, i, i % slice_count == 0, state)) break;
+static inline block_site site_of(const layer_stream *stream, uint32_t unit, uint64_t place,
+                                 uint32_t slice_count, uint32_t slice) {
+  uint32_t run = (uint32_t)place & (stream->run_places - 1);
+  return (block_site){stream, unit * stream->entries_per_unit + (place >> stream->run_log2),
+                      run * slice_count + slice, slice_count};
 }
 
-static int16_t wrap(int32_t value) {
-  return (int16_t)(uint16_t)(uint32_t)value;
+/* An entry that is being read. What follows in it goes on from here. */
+typedef struct {
+  const layer_stream *stream; /* NULL: none */
+  uint64_t entry;
+  uint32_t next; /* number of the block at the cursor */
+  bit_cursor cursor;
+  entry_state state;
+} entry_reader;
+
+static inline void begin_at(entry_reader *r, const block_site *site, uint64_t bit) {
+  const block_stream *blocks = &site->stream->blocks;
+  r->stream = site->stream;
+  r->entry = site->entry;
+  r->next = 0;
+  r->cursor = (bit_cursor){blocks->bytes, bit, (blocks->nbytes - STREAM_PAD_NBYTES) * 8};
+  entry_begin(&r->state);
 }
 
-static void add_levels(fine_block fine, const entry_state *state, uint32_t gain) {
+/* Reads up to a block; a damaged entry ends early, with what was read. */
+static inline void read_up_to(entry_reader *r, const block_site *site) {
+  while (r->next <= site->number) {
+    uint32_t number = r->next++;
+    if (!block_parse(site->stream->tables, &r->cursor, number, number % site->slice_count == 0,
+                     &r->state)) {
+      r->stream = NULL;
+      return;
+    }
+  }
+}
+
+static void read_block(entry_reader *r, const block_site *site) {
+  if (r->stream != site->stream || r->entry != site->entry || r->next > site->number)
+    begin_at(r, site, stream_find(&site->stream->blocks, site->entry));
+  read_up_to(r, site);
+}
+
+/* ---- Predictions --------------------------------------------------------------------------- */
+
+static inline int16_t wrap(uint32_t value) {
+  return (int16_t)(uint16_t)value;
+}
+
+/* fine = prediction (or nothing) + gain * levels. */
+static void add_levels(const int16_t prediction[3][COEFFICIENTS], const entry_state *state,
+                       uint32_t gain, fine_block fine) {
   for (int c = 0; c < 3; c++)
     for (int i = 0; i < COEFFICIENTS; i++)
-      fine[c][i] = wrap(fine[c][i] + (int32_t)gain * state->levels[c][i]);
+      fine[c][i] = wrap((prediction ? (uint32_t)prediction[c][i] : 0) +
+                        gain * (uint32_t)state->levels[c][i]);
 }
 
-static void parse_base(const layer_state *layer, uint64_t place, fine_block fine) {
-  const layer_stream *stream = &layer->streams[STREAM_BASE];
-  entry_state state;
-  parse_entry(stream, 0, place, 1, 0, &state);
-  memset(fine, 0, sizeof(fine_block));
-  add_levels(fine, &state, layer->gains[STREAM_BASE]);
-}
-
-void decode_base(const layer_state *layer, uint64_t place, fine_block fine) {
-  _Atomic uint8_t *state = &layer->base_states[place];
-  if (atomic_load_explicit(state, memory_order_acquire) == 2) {
-    memcpy(fine, layer->base[place], sizeof(fine_block));
-    return;
+/* The base's block: the layer's own copy, or if that is not there yet, scratch. */
+static const fine_block *get_base(const layer_state *layer, uint64_t place, fine_block *scratch) {
+  _Atomic uint8_t *done = &layer->base_states[place];
+  if (atomic_load_explicit(done, memory_order_acquire) == 2) return &layer->base[place];
+  entry_reader reader = {0};
+  block_site site = site_of(&layer->streams[STREAM_BASE], 0, place, 1, 0);
+  read_block(&reader, &site);
+  add_levels(NULL, &reader.state, layer->gains[STREAM_BASE], *scratch);
+  uint8_t absent = 0; /* where another thread came first, it writes the same */
+  if (atomic_compare_exchange_strong(done, &absent, 1)) {
+    memcpy(layer->base[place], *scratch, sizeof *scratch);
+    atomic_store_explicit(done, 2, memory_order_release);
   }
-  parse_base(layer, place, fine);
-  uint8_t absent = 0;
-  if (!atomic_compare_exchange_strong(state, &absent, 1))
-    return; /* another thread writes the same */
-  memcpy(layer->base[place], fine, sizeof(fine_block));
-  atomic_store_explicit(state, 2, memory_order_release);
+  return scratch;
 }
 
-void decode_key(const layer_state *layer, uint32_t group, uint64_t place, fine_block fine) {
-  const layer_stream *stream = &layer->streams[STREAM_KEYS];
-  entry_state state;
-  parse_entry(stream, layer->group_ranks[group], place, 1, 0, &state);
-  if (state.predictor == PREDICT_BASE)
-    decode_base(layer, place, fine);
-  else
-    memset(fine, 0, sizeof(fine_block));
-  add_levels(fine, &state, layer->gains[STREAM_KEYS]);
+static void decode_base(const layer_state *layer, uint64_t place, fine_block fine) {
+  fine_block scratch;
+  memcpy(fine, get_base(layer, place, &scratch), sizeof(fine_block));
 }
 
-void decode_keys(const layer_state *layer, uint32_t s, uint32_t t, uint64_t place,
-                 fine_block fine) {
+static void decode_key(const layer_state *layer, uint32_t group, uint64_t place, fine_block fine) {
+  entry_reader reader = {0};
+  block_site site = site_of(&layer->streams[STREAM_KEYS], layer->group_ranks[group], place, 1, 0);
+  fine_block scratch;
+  const fine_block *base = NULL;
+  read_block(&reader, &site);
+  if (reader.state.predictor == PREDICT_BASE) base = get_base(layer, place, &scratch);
+  add_levels(base ? *base : NULL, &reader.state, layer->gains[STREAM_KEYS], fine);
+}
+
+/* Keys that were decoded last: neighbours want the same. */
+enum { KEY_MEMO = 16 };
+typedef struct {
+  uint64_t tags[KEY_MEMO]; /* 0: empty */
+  fine_block keys[KEY_MEMO];
+} key_memo;
+
+static const fine_block *get_key(const layer_state *layer, uint32_t group, uint64_t place,
+                                 key_memo *memo) {
+  uint64_t tag = (place << 12 | group) + 1; /* there are at most 64 x 64 groups */
+  uint32_t slot = (uint32_t)(tag * 0x9e3779b97f4a7c15u >> 60);
+  if (memo->tags[slot] != tag) {
+    memo->tags[slot] = tag;
+    decode_key(layer, group, place, memo->keys[slot]);
+  }
+  return &memo->keys[slot];
+}
+
+static void mix_keys(const layer_state *layer, uint32_t s, uint32_t t, uint64_t place,
+                     key_memo *memo, fine_block fine) {
   key_tap taps[4];
   int count = layer_key_taps(layer, s, t, taps);
-  int32_t sum[3 * COEFFICIENTS] = {0};
+  int32_t sum[3 * COEFFICIENTS];
+  for (int k = 0; k < 3 * COEFFICIENTS; k++) sum[k] = 8;
   for (int i = 0; i < count; i++) {
-    fine_block key;
-    decode_key(layer, taps[i].group, place, key);
-    for (int k = 0; k < 3 * COEFFICIENTS; k++) sum[k] += taps[i].weight * (&key[0][0])[k];
+    const int16_t *key = &(*get_key(layer, taps[i].group, place, memo))[0][0];
+    for (int k = 0; k < 3 * COEFFICIENTS; k++) sum[k] += taps[i].weight * key[k];
   }
-  for (int k = 0; k < 3 * COEFFICIENTS; k++) (&fine[0][0])[k] = wrap((sum[k] + 8) >> 4);
+  for (int k = 0; k < 3 * COEFFICIENTS; k++) (&fine[0][0])[k] = wrap((uint32_t)(sum[k] >> 4));
 }
 
-/* ---- Shifts -------------------------------------------------------------------------------------
- */
-
-void shift_channels(float from[3][COEFFICIENTS], int du, int dv, float to[3][COEFFICIENTS]) {
-  for (int c = 0; c < 3; c++)
-    for (int y = 0; y < 8; y++)
-      for (int x = 0; x < 8; x++) {
-        int u = x + du, v = y + dv;
-        u = u < 0 ? 0 : u > 7 ? 7 : u;
-        v = v < 0 ? 0 : v > 7 ? 7 : v;
-        to[c][8 * y + x] = from[c][8 * v + u];
-      }
+static void decode_keys(const layer_state *layer, uint32_t s, uint32_t t, uint64_t place,
+                        fine_block fine) {
+  key_memo memo;
+  memset(memo.tags, 0, sizeof memo.tags);
+  mix_keys(layer, s, t, place, &memo, fine);
 }
 
-static void key_difference(const layer_state *layer, uint32_t group, uint64_t place,
+/* ---- Shifts -------------------------------------------------------------------------------- */
+
+static void key_difference(const layer_state *layer, uint32_t group, uint64_t place, key_memo *memo,
                            float channels[3][COEFFICIENTS]) {
-  fine_block key, base;
-  decode_key(layer, group, place, key);
-  decode_base(layer, place, base);
+  static const entry_state nothing = {.ac_flags = 7};
+  fine_block difference, scratch;
+  const int16_t *key = &(*get_key(layer, group, place, memo))[0][0];
+  const int16_t *base = &(*get_base(layer, place, &scratch))[0][0];
   for (int k = 0; k < 3 * COEFFICIENTS; k++)
-    (&key[0][0])[k] = wrap((&key[0][0])[k] - (&base[0][0])[k]);
-  levels_to_channels(layer, key, channels);
+    (&difference[0][0])[k] = wrap((uint32_t)key[k] - (uint32_t)base[k]);
+  levels_to_channels(layer, (const int16_t(*)[COEFFICIENTS])difference, &nothing, 0, channels);
 }
 
-void decode_shifted(const layer_state *layer, uint32_t group, uint64_t place, int du, int dv,
-                    float channels[3][COEFFICIENTS]) {
+static void shift_difference(const layer_state *layer, uint32_t group, uint64_t place, int du,
+                             int dv, key_memo *memo, float channels[3][COEFFICIENTS]) {
   const slf_layer *p = &layer->public;
   int32_t u0 = (int32_t)(place % p->block_u_count) * 8 + du;
   int32_t v0 = (int32_t)(place / p->block_u_count) * 8 + dv;
   int32_t width = (int32_t)p->block_u_count * 8, height = (int32_t)p->block_v_count * 8;
+  int32_t u_split = 8 - (u0 & 7), v_split = 8 - (v0 & 7);
   uint64_t have = UINT64_MAX;
   float block[3][COEFFICIENTS];
-  /* Place by place, the part of the shifted block that lies there; the edge of the slice repeats.
-   */
-  for (int32_t by = 0; by < 2; by++)
-    for (int32_t bx = 0; bx < 2; bx++) {
-      int32_t x_begin = bx ? 8 - (u0 & 7) : 0, x_end = bx ? 8 : 8 - (u0 & 7);
-      int32_t y_begin = by ? 8 - (v0 & 7) : 0, y_end = by ? 8 : 8 - (v0 & 7);
-      if (x_begin == x_end || y_begin == y_end) continue;
-      for (int32_t y = y_begin; y < y_end; y++)
-        for (int32_t x = x_begin; x < x_end; x++) {
-          int32_t u = u0 + x, v = v0 + y;
-          u = u < 0 ? 0 : u >= width ? width - 1 : u;
-          v = v < 0 ? 0 : v >= height ? height - 1 : v;
-          uint64_t at = (uint64_t)(v / 8) * p->block_u_count + (uint64_t)(u / 8);
-          if (at != have) key_difference(layer, group, have = at, block);
-          for (int c = 0; c < 3; c++) channels[c][8 * y + x] = block[c][8 * (v & 7) + (u & 7)];
-        }
-    }
+  /* Place by place, the part of the shifted block that lies there; beyond the slice its edge
+   * repeats. */
+  for (int part = 0; part < 4; part++) {
+    int32_t x_begin = part & 1 ? u_split : 0, x_end = part & 1 ? 8 : u_split;
+    int32_t y_begin = part & 2 ? v_split : 0, y_end = part & 2 ? 8 : v_split;
+    for (int32_t y = y_begin; y < y_end; y++)
+      for (int32_t x = x_begin; x < x_end; x++) {
+        int32_t u = u0 + x, v = v0 + y;
+        u = u < 0 ? 0 : u >= width ? width - 1 : u;
+        v = v < 0 ? 0 : v >= height ? height - 1 : v;
+        uint64_t at = (uint64_t)(v / 8) * p->block_u_count + (uint64_t)(u / 8);
+        if (at != have) key_difference(layer, group, have = at, memo, block);
+        for (int c = 0; c < 3; c++) channels[c][8 * y + x] = block[c][8 * (v & 7) + (u & 7)];
+      }
+  }
 }
 
-/* ---- Blocks -------------------------------------------------------------------------------------
- */
+static void decode_shifted(const layer_state *layer, uint32_t group, uint64_t place, int du, int dv,
+                           float channels[3][COEFFICIENTS]) {
+  key_memo memo;
+  memset(memo.tags, 0, sizeof memo.tags);
+  shift_difference(layer, group, place, du, dv, &memo, channels);
+}
 
-/* The entry's state at a block of the rest, and the slice of the block that it stands on. */
-static void parse_rest(const layer_state *layer, uint32_t s, uint32_t t, uint64_t place,
-                       entry_state *state, uint32_t *anchor_s, uint32_t *anchor_t) {
-  const layer_stream *stream = &layer->streams[STREAM_REST];
+/* ---- Blocks -------------------------------------------------------------------------------- */
+
+/* What a run of blocks shares. */
+typedef struct {
+  const layer_state *layer;
+  entry_reader rest;
+  key_memo memo;
+} decoder;
+
+static void decoder_begin(decoder *d, const layer_state *layer) {
+  d->layer = layer;
+  d->rest.stream = NULL;
+  memset(d->memo.tags, 0, sizeof d->memo.tags);
+}
+
+static inline block_site site_of_slice(const layer_state *layer, uint32_t s, uint32_t t,
+                                       uint64_t place) {
+  if (layer_is_key(layer, s, t)) {
+    uint32_t group = layer_group(layer, s, t);
+    return site_of(&layer->streams[STREAM_KEYS], layer->group_ranks[group], place, 1, 0);
+  }
   uint32_t quad = t / 2 * layer->quad_s_count + s / 2;
-  unsigned slices = layer->quad_slices[quad], slice_count = (unsigned)__builtin_popcount(slices);
-  unsigned slice = (unsigned)__builtin_popcount(slices & ((1u << quad_place(s, t)) - 1));
-  parse_entry(stream, layer->quad_ranks[quad], place, slice_count, slice, state);
-  /* The anchor's slice: the (anchor mod slices)-th that the quad has. */
-  unsigned left = slices;
-  for (unsigned i = state->anchor % slice_count; i; i--) left &= left - 1;
+  unsigned slices = layer->quad_slices[quad];
+  return site_of(&layer->streams[STREAM_REST], layer->quad_ranks[quad], place,
+                 (uint32_t)__builtin_popcount(slices),
+                 (uint32_t)__builtin_popcount(slices & ((1u << quad_place(s, t)) - 1)));
+}
+
+/* The slice of the block that the entry's state stands on. */
+static void anchor_slice(const layer_state *layer, const entry_reader *r, uint32_t slice_count,
+                         uint32_t *s, uint32_t *t) {
+  unsigned left = layer->quad_slices[*t / 2 * layer->quad_s_count + *s / 2];
+  for (unsigned i = r->state.anchor % slice_count; i; i--) left &= left - 1;
   unsigned q = (unsigned)__builtin_ctz(left);
-  *anchor_s = (s & ~1u) + (q == 1 || q == 2);
-  *anchor_t = (t & ~1u) + (q >= 2);
+  *s = (*s & ~1u) + (q == 1 || q == 2);
+  *t = (*t & ~1u) + (q >= 2);
 }
 
-static void fine_to_channels(const layer_state *layer, fine_block fine, const entry_state *state,
-                             float channels[3][COEFFICIENTS]) {
-  add_levels(fine, state, layer->gains[STREAM_REST]);
-  levels_to_channels(layer, fine, channels);
+/* What the rest's state at slice (s, t) is added to: NULL for nothing. A shift wants the base, and
+ * what it moves in channels on top; *group is its key's. */
+static const fine_block *get_prediction(decoder *d, const block_site *site, uint32_t s, uint32_t t,
+                                        uint64_t place, uint32_t *group, fine_block *scratch) {
+  const layer_state *layer = d->layer;
+  predictor how = d->rest.state.predictor;
+  if (how == PREDICT_INTRA || !layer_has(layer, STREAM_BASE)) return NULL;
+  if (how == PREDICT_BASE) return get_base(layer, place, scratch);
+  if (!layer_has(layer, STREAM_KEYS)) return NULL;
+  anchor_slice(layer, &d->rest, site->slice_count, &s, &t);
+  *group = layer_group(layer, s, t);
+  if (how == PREDICT_SHIFT) return get_base(layer, place, scratch);
+  if (how == PREDICT_KEY) return get_key(layer, *group, place, &d->memo);
+  mix_keys(layer, s, t, place, &d->memo, *scratch);
+  return (const fine_block *)scratch;
 }
 
-/* The motion scheme: from the chain's first slice, each block shifts the one before. */
+static inline bool is_shifted(const decoder *d) {
+  return d->rest.state.predictor == PREDICT_SHIFT && layer_has(d->layer, STREAM_KEYS);
+}
+
+static void add_channels(float channels[3][COEFFICIENTS], float more[3][COEFFICIENTS]) {
+  for (int c = 0; c < 3; c++)
+    for (int i = 0; i < COEFFICIENTS; i++) channels[c][i] += more[c][i];
+}
+
+/* The motion scheme: from the chain's first slice on, each block shifts the one before. */
 static void decode_chain(const layer_state *layer, uint32_t s, uint32_t t, uint64_t place,
                          float channels[3][COEFFICIENTS]) {
+  memset(channels, 0, 3 * sizeof *channels);
   for (uint32_t at = layer_chain_start(layer, s, t); at <= s; at++) {
-    entry_state state;
-    uint32_t anchor_s, anchor_t;
+    entry_reader reader = {0};
     float shifted[3][COEFFICIENTS];
-    fine_block fine = {{0}};
-    parse_rest(layer, at, t, place, &state, &anchor_s, &anchor_t);
-    if (state.predictor == PREDICT_SHIFT)
-      shift_channels(channels, state.shift_u, state.shift_v, shifted);
-    fine_to_channels(layer, fine, &state, channels);
-    for (int k = 0; state.predictor == PREDICT_SHIFT && k < 3 * COEFFICIENTS; k++)
-      (&channels[0][0])[k] += (&shifted[0][0])[k];
+    block_site site = site_of_slice(layer, at, t, place);
+    read_block(&reader, &site);
+    bool moves = reader.state.predictor == PREDICT_SHIFT;
+    if (moves) shift_channels(channels, reader.state.shift_u, reader.state.shift_v, shifted);
+    levels_to_channels(layer, NULL, &reader.state, layer->gains[STREAM_REST], channels);
+    if (moves) add_channels(channels, shifted);
   }
 }
 
-void decode_channels(const layer_state *layer, uint32_t s, uint32_t t, uint64_t place,
-                     float channels[3][COEFFICIENTS]) {
-  fine_block fine = {{0}};
-  if (layer_is_key(layer, s, t)) {
-    decode_key(layer, layer_group(layer, s, t), place, fine);
-    levels_to_channels(layer, fine, channels);
+/* A block whose entry was read up to it. Codes where u_block is not NULL, else channels. */
+static void finish_block(decoder *d, const block_site *site, uint32_t s, uint32_t t, uint64_t place,
+                         uint8_t *u_block, float channels[3][COEFFICIENTS]) {
+  const layer_state *layer = d->layer;
+  fine_block scratch;
+  uint32_t group = 0, gain = layer->gains[STREAM_REST];
+  const fine_block *found = get_prediction(d, site, s, t, place, &group, &scratch);
+  const int16_t(*prediction)[COEFFICIENTS] =
+      found ? (const int16_t(*)[COEFFICIENTS]) * found : NULL;
+  if (u_block && !is_shifted(d)) {
+    levels_to_codes(layer, prediction, &d->rest.state, gain, u_block);
     return;
   }
-  if (layer->public.angular == SLF_ANGULAR_MOTION) {
-    memset(channels, 0, 3 * sizeof *channels);
-    decode_chain(layer, s, t, place, channels);
-    return;
-  }
-  entry_state state;
-  uint32_t anchor_s, anchor_t;
-  parse_rest(layer, s, t, place, &state, &anchor_s, &anchor_t);
-  bool has_base = layer_has(layer, STREAM_BASE), has_keys = layer_has(layer, STREAM_KEYS);
-  bool shifted = has_keys && state.predictor == PREDICT_SHIFT;
-  uint32_t group = layer_group(layer, anchor_s, anchor_t);
-  if (has_base && (shifted || state.predictor == PREDICT_BASE))
-    decode_base(layer, place, fine);
-  else if (has_keys && state.predictor == PREDICT_KEY)
-    decode_key(layer, group, place, fine);
-  else if (has_keys && state.predictor == PREDICT_KEYS)
-    decode_keys(layer, anchor_s, anchor_t, place, fine);
-  fine_to_channels(layer, fine, &state, channels);
-  if (shifted) {
+  levels_to_channels(layer, prediction, &d->rest.state, gain, channels);
+  if (is_shifted(d)) {
     float moved[3][COEFFICIENTS];
-    decode_shifted(layer, group, place, state.shift_u, state.shift_v, moved);
-    for (int k = 0; k < 3 * COEFFICIENTS; k++) (&channels[0][0])[k] += (&moved[0][0])[k];
+    shift_difference(layer, group, place, d->rest.state.shift_u, d->rest.state.shift_v, &d->memo,
+                     moved);
+    add_channels(channels, moved);
   }
+  if (u_block) channels_to_codes(channels, u_block);
 }
 
-/* ---- Public -------------------------------------------------------------------------------------
- */
-
-static const layer_state *get_layer(const slf_file *file, uint32_t surface_index,
-                                    uint32_t layer_index) {
-  if (surface_index >= file->surface_count) return NULL;
-  const surface_state *surface = &file->surfaces[surface_index];
-  return layer_index < surface->public.layer_count ? &surface->layers[layer_index] : NULL;
-}
-
-static bool slice_is_stored(const layer_state *layer, uint32_t s, uint32_t t) {
-  return slf_slice_exists(layer->public.s_count, layer->public.t_count, s, t);
-}
-
-static void decode_one(const layer_state *layer, slf_block_address a, uint8_t *u_block) {
-  const slf_layer *p = &layer->public;
-  if (!slice_is_stored(layer, a.s, a.t) || a.block_u >= p->block_u_count ||
-      a.block_v >= p->block_v_count) {
-    memset(u_block, 0, SLF_BLOCK_NBYTES);
+/* Any existing block, in codes or channels; `bit` is where its entry begins, if it is known. */
+static void decode_at(decoder *d, uint32_t s, uint32_t t, uint64_t place, uint64_t bit,
+                      uint8_t *u_block, float channels[3][COEFFICIENTS]) {
+  static const entry_state nothing = {.ac_flags = 7};
+  const layer_state *layer = d->layer;
+  if (layer->public.angular == SLF_ANGULAR_MOTION) {
+    decode_chain(layer, s, t, place, channels);
+    if (u_block) channels_to_codes(channels, u_block);
     return;
   }
+  if (layer_is_key(layer, s, t)) {
+    const fine_block *key = get_key(layer, layer_group(layer, s, t), place, &d->memo);
+    const int16_t(*fine)[COEFFICIENTS] = (const int16_t(*)[COEFFICIENTS]) * key;
+    if (u_block)
+      levels_to_codes(layer, fine, &nothing, 0, u_block);
+    else
+      levels_to_channels(layer, fine, &nothing, 0, channels);
+    return;
+  }
+  block_site site = site_of_slice(layer, s, t, place);
+  if (bit != UINT64_MAX &&
+      (d->rest.stream == NULL || d->rest.entry != site.entry || d->rest.next > site.number)) {
+    begin_at(&d->rest, &site, bit);
+    read_up_to(&d->rest, &site);
+  } else {
+    read_block(&d->rest, &site);
+  }
+  finish_block(d, &site, s, t, place, u_block, channels);
+}
+
+static void decode_channels(const layer_state *layer, uint32_t s, uint32_t t, uint64_t place,
+                            float channels[3][COEFFICIENTS]) {
+  decoder d;
+  decoder_begin(&d, layer);
+  decode_at(&d, s, t, place, UINT64_MAX, NULL, channels);
+}
+
+/* ---- Batches ------------------------------------------------------------------------------- */
+
+/* How far ahead of decoding a block's index and bits are asked for: a miss takes some 80 ns, about
+ * as long as a block; three dependent ones stand before the bits. */
+enum { AHEAD_DIRECTORY = 12, AHEAD_SEGMENT = 8, AHEAD_BITS = 4, RING = 16 };
+
+typedef struct {
+  block_site site;
+  uint64_t bit;
+  bool exists;
+} pending_block;
+
+static bool block_exists(const layer_state *layer, slf_block_address a) {
+  const slf_layer *p = &layer->public;
+  return a.block_u < p->block_u_count && a.block_v < p->block_v_count &&
+         layer_has_slice(layer, a.s, a.t);
+}
+
+static uint64_t place_of(const layer_state *layer, slf_block_address a) {
+  return (uint64_t)a.block_v * layer->public.block_u_count + a.block_u;
+}
+
+static void look_ahead(const layer_state *layer, const slf_block_address *addresses, size_t count,
+                       size_t i, pending_block ring[RING]) {
+  if (i + AHEAD_DIRECTORY < count) {
+    size_t at = i + AHEAD_DIRECTORY;
+    pending_block *p = &ring[at % RING];
+    p->exists = block_exists(layer, addresses[at]);
+    if (p->exists) {
+      p->site =
+          site_of_slice(layer, addresses[at].s, addresses[at].t, place_of(layer, addresses[at]));
+      stream_prefetch_directory(&p->site.stream->blocks, p->site.entry);
+    }
+  }
+  if (i + AHEAD_SEGMENT < count && ring[(i + AHEAD_SEGMENT) % RING].exists) {
+    const block_site *site = &ring[(i + AHEAD_SEGMENT) % RING].site;
+    stream_prefetch_segment(&site->stream->blocks, site->entry);
+  }
+  if (i + AHEAD_BITS < count && ring[(i + AHEAD_BITS) % RING].exists) {
+    pending_block *p = &ring[(i + AHEAD_BITS) % RING];
+    const block_stream *blocks = &p->site.stream->blocks;
+    p->bit = stream_find(blocks, p->site.entry);
+    __builtin_prefetch(blocks->bytes + p->bit / 8);
+    __builtin_prefetch(blocks->bytes + p->bit / 8 + 64);
+  }
+}
+
+static void decode_batch(const layer_state *layer, const slf_block_address *addresses, size_t count,
+                         uint8_t *const *u_blocks) {
+  decoder d;
+  pending_block ring[RING];
   float channels[3][COEFFICIENTS];
-  decode_channels(layer, a.s, a.t, (uint64_t)a.block_v * p->block_u_count + a.block_u, channels);
-  channels_to_codes(channels, u_block);
-}
-
-void slf_decode_block(const slf_file *file, uint32_t surface_index, uint32_t layer_index,
-                      slf_block_address address, uint8_t *u_block) {
-  slf_decode_blocks(file, surface_index, layer_index, &address, 1, &u_block);
-}
-
-void slf_decode_blocks(const slf_file *file, uint32_t surface_index, uint32_t layer_index,
-                       const slf_block_address *addresses, size_t count, uint8_t *const *u_blocks) {
-  const layer_state *layer = get_layer(file, surface_index, layer_index);
+  decoder_begin(&d, layer);
+  if (count == 1 || layer->public.angular == SLF_ANGULAR_MOTION) {
+    for (size_t i = 0; i < count; i++) {
+      if (block_exists(layer, addresses[i]))
+        decode_at(&d, addresses[i].s, addresses[i].t, place_of(layer, addresses[i]), UINT64_MAX,
+                  u_blocks[i], channels);
+      else
+        memset(u_blocks[i], 0, SLF_BLOCK_NBYTES);
+    }
+    return;
+  }
+  for (size_t before = AHEAD_DIRECTORY; before; before--)
+    look_ahead(layer, addresses, count, (size_t)0 - before, ring);
   for (size_t i = 0; i < count; i++) {
-    if (layer)
-      decode_one(layer, addresses[i], u_blocks[i]);
+    look_ahead(layer, addresses, count, i, ring);
+    if (ring[i % RING].exists)
+      decode_at(&d, addresses[i].s, addresses[i].t, place_of(layer, addresses[i]),
+                ring[i % RING].bit, u_blocks[i], channels);
     else
       memset(u_blocks[i], 0, SLF_BLOCK_NBYTES);
   }
 }
 
-slf_result slf_decode_slice(const slf_file *file, uint32_t surface_index, uint32_t layer_index,
-                            uint32_t s_index, uint32_t t_index, float *rgb, slf_error *error) {
-  const layer_state *layer = get_layer(file, surface_index, layer_index);
-  if (!layer || !slice_is_stored(layer, s_index, t_index))
-    return slf_fail(error, SLF_ERROR_ARGUMENT, "%s: no slice (%u, %u) in layer %u of surface %u",
-                    file->name, s_index, t_index, layer_index, surface_index);
-  const slf_layer *p = &layer->public;
-  float linear[256];
-  for (int code = 0; code < 256; code++) linear[code] = slf_linear_from_srgb((uint8_t)code);
-  for (uint32_t bv = 0; bv < p->block_v_count; bv++)
-    for (uint32_t bu = 0; bu < p->block_u_count; bu++) {
-      uint8_t texels[SLF_BLOCK_NBYTES];
-      slf_block_address address = {(uint16_t)s_index, (uint16_t)t_index, (uint16_t)bu,
-                                   (uint16_t)bv};
-      decode_one(layer, address, texels);
-      for (uint32_t y = 0; y < SLF_BLOCK_SIDE && bv * SLF_BLOCK_SIDE + y < p->v_count; y++)
-        for (uint32_t x = 0; x < SLF_BLOCK_SIDE && bu * SLF_BLOCK_SIDE + x < p->u_count; x++) {
-          size_t texel = (size_t)(bv * SLF_BLOCK_SIDE + y) * p->u_count + bu * SLF_BLOCK_SIDE + x;
-          for (int c = 0; c < 3; c++) rgb[3 * texel + c] = linear[texels[32 * y + 4 * x + c]];
-        }
-    }
-  return SLF_OK;
-}
+const kernel KERNEL(kernel) = {.name = SLF_KERNEL_NAME,
+                               .check_stream = stream_check,
+                               .find = stream_find,
+                               .parse = block_parse,
+                               .inverse_dct = inverse_dct,
+                               .plain_inverse_dct = plain_inverse_dct,
+                               .forward_dct = forward_dct,
+                               .channels_to_codes = channels_to_codes,
+                               .base = decode_base,
+                               .key = decode_key,
+                               .keys = decode_keys,
+                               .shifted = decode_shifted,
+                               .channels = decode_channels,
+                               .blocks = decode_batch};

@@ -1,13 +1,14 @@
 /* encode.c - from slices to C-Blocks. */
 #include "codec/encode.h"
 
-#include "codec/decode.h"
+#include "codec/kernel.h"
 #include "codec/parallel.h"
 #include "codec/rate.h"
 
 #include <float.h>
 #include <inttypes.h>
 #include <math.h>
+#include <stdatomic.h>
 #include <stdlib.h>
 
 enum {
@@ -32,12 +33,14 @@ typedef struct {
   float steps[3][COEFFICIENTS]; /* of a level of the rest, as numbers */
   code_costs costs;             /* of the stream that is being coded */
   huffman_encoder encoders[CODE_COUNT];
-  float *rgb;                   /* one slice */
-  uint8_t *slices[QUAD_SLICES]; /* 8-bit R G B of a unit, by quad_place */
+  float *rgb;                    /* one slice */
+  uint16_t *slices[QUAD_SLICES]; /* codes R G B of a unit's slices */
+  /* The motion scheme: what the slice of an odd S decodes to, for t even and odd, by place. */
+  float (*left[2])[3][COEFFICIENTS];
+  _Atomic uint64_t squared_error; /* of all codes, as they will be decoded */
 } layer_encoder;
 
-/* ---- Quality ------------------------------------------------------------------------------------
- */
+/* ---- Quality ------------------------------------------------------------------------------- */
 
 /* A channel's error counts in R, G and B: luma's in all, Cb's 1.772 and 0.344, Cr's 1.402 and 0.714
  * times. Steps in inverse proportion make every bit buy the same error; the slight slope over the
@@ -46,30 +49,32 @@ typedef struct {
 static void make_steps(layer_encoder *e) {
   static const double channel_scale[3] = {1.0, 0.96, 1.10};
   bool whole = e->layer.public.angular == SLF_ANGULAR_NONE;
-  double base = exp2((100 - e->layer.public.quality) / 8.0);
+  double unit = e->layer.public.curve == SLF_CURVE_DWA ? DWA_SCALE / 255.0 : 1;
+  double least = e->layer.public.curve == SLF_CURVE_DWA ? DWA_LEAST_STEP : 1;
+  double base = unit * exp2((100 - e->layer.public.quality) / 8.0);
   for (int channel = 0; channel < 3; channel++)
     for (int i = 0; i < COEFFICIENTS; i++) {
       double step = base * channel_scale[channel] * (0.95 + 0.007 * (i / 8 + i % 8));
       double sixteenths = floor(whole ? floor(step + 0.5) * STEP_ONE : step * STEP_ONE + 0.5);
-      sixteenths = fmax(STEP_ONE, fmin(4000.0 * STEP_ONE, sixteenths));
+      sixteenths = fmax(least * STEP_ONE, fmin(4000.0 * STEP_ONE, sixteenths));
       e->layer.steps[channel][i] = (uint16_t)sixteenths;
       e->steps[channel][i] = (float)(sixteenths / STEP_ONE);
     }
   layer_make_scales(&e->layer);
 }
 
-/* ---- Coefficients -------------------------------------------------------------------------------
- */
+/* ---- Coefficients -------------------------------------------------------------------------- */
 
-static void transform_texels(float rgb[COEFFICIENTS][3], coefficients c) {
+static void transform_texels(const layer_state *layer, float rgb[COEFFICIENTS][3], coefficients c) {
   float texels[3][COEFFICIENTS];
   for (int i = 0; i < COEFFICIENTS; i++) {
     float r = rgb[i][0], g = rgb[i][1], b = rgb[i][2];
-    texels[0][i] = 0.299f * r + 0.587f * g + 0.114f * b - 128;
+    texels[0][i] = 0.299f * r + 0.587f * g + 0.114f * b - layer->level_shift;
     texels[1][i] = -0.168735892f * r - 0.331264108f * g + 0.5f * b;
     texels[2][i] = 0.5f * r - 0.418687589f * g - 0.081312411f * b;
   }
-  for (int channel = 0; channel < 3; channel++) forward_dct(texels[channel], c[channel]);
+  for (int channel = 0; channel < 3; channel++)
+    layer->kernel->forward_dct(texels[channel], c[channel]);
 }
 
 /* Texel i of a place; beyond the slice's edge the edge repeats. */
@@ -81,18 +86,17 @@ static size_t texel_index(const slf_layer *p, uint64_t place, uint32_t i) {
   return (size_t)v * p->u_count + u;
 }
 
-static void transform_block(const layer_encoder *e, const uint8_t *slice, uint64_t place,
+static void transform_block(const layer_encoder *e, const uint16_t *slice, uint64_t place,
                             coefficients c) {
   float rgb[COEFFICIENTS][3];
   for (uint32_t i = 0; i < COEFFICIENTS; i++) {
-    const uint8_t *texel = slice + 3 * texel_index(&e->layer.public, place, i);
+    const uint16_t *texel = slice + 3 * texel_index(&e->layer.public, place, i);
     for (int k = 0; k < 3; k++) rgb[i][k] = texel[k];
   }
-  transform_texels(rgb, c);
+  transform_texels(&e->layer, rgb, c);
 }
 
-/* ---- Symbols ------------------------------------------------------------------------------------
- */
+/* ---- Symbols ------------------------------------------------------------------------------- */
 
 /* Symbols go to counts, or where counts is NULL out to bits. */
 typedef struct {
@@ -138,6 +142,8 @@ typedef struct {
   int16_t intra_dc[3];
   bool has_previous;
   coefficients previous; /* the block before, decoded */
+  float (
+      *left[2])[COEFFICIENTS]; /* of the motion scheme: channels of the left neighbour, by t & 1 */
 } place_state;
 
 typedef struct {
@@ -175,8 +181,7 @@ static void put_block(const symbol_sink *sink, const block_choice *b, place_stat
   }
 }
 
-/* ---- Choosing -----------------------------------------------------------------------------------
- */
+/* ---- Choosing ------------------------------------------------------------------------------ */
 
 typedef struct {
   const layer_encoder *encoder;
@@ -222,32 +227,37 @@ static void try_predictor(const block_site *site, predictor how, int du, int dv,
   }
 }
 
+/* The identical scheme's one choice beside INTRA: the prediction as it is. */
+static void try_copy(const block_site *site, predictor how, const coefficients target,
+                     coefficients prediction, block_choice *best) {
+  const layer_encoder *e = site->encoder;
+  float cost = lambda * e->costs.head[how << 3];
+  for (int k = 0; k < 3 * COEFFICIENTS; k++) {
+    float x = ((&target[0][0])[k] - (&prediction[0][0])[k]) / (&e->steps[0][0])[k];
+    cost += x * x;
+  }
+  if (cost >= best->cost) return;
+  *best = (block_choice){.predictor = how, .cost = cost};
+}
+
 static void fine_to_coefficients(const layer_encoder *e, int16_t fine[3][COEFFICIENTS],
                                  coefficients c) {
   for (int k = 0; k < 3 * COEFFICIENTS; k++)
     (&c[0][0])[k] = (&fine[0][0])[k] * (&e->steps[0][0])[k] * (1.0f / FINE);
 }
 
-/* The shift of key - base whose luma is nearest to what base leaves of the target. */
-static void search_shift(const block_site *site, uint32_t group, const coefficients wanted, int *du,
-                         int *dv) {
-  enum { SIDE = 24 };
-  float window[SIDE][SIDE], luma[COEFFICIENTS], block[3][COEFFICIENTS];
-  const layer_state *layer = &site->encoder->layer;
-  for (int y = -8; y <= 8; y += 8)
-    for (int x = -8; x <= 8; x += 8) {
-      decode_shifted(layer, group, site->place, x, y, block);
-      for (int i = 0; i < COEFFICIENTS; i++) window[y + 8 + i / 8][x + 8 + i % 8] = block[0][i];
-    }
-  memcpy(luma, wanted[0], sizeof luma);
-  plain_inverse_dct(luma);
+enum { WINDOW_SIDE = 24, WINDOW_BEGIN = 8 }; /* a block and what lies around it */
+
+/* The shift for which the window is nearest to wanted luma. */
+static void search_shift(float window[WINDOW_SIDE][WINDOW_SIDE], const float wanted[COEFFICIENTS],
+                         int *du, int *dv) {
   float best = FLT_MAX;
   for (int y = -MAX_SHIFT; y <= MAX_SHIFT; y++)
     for (int x = -MAX_SHIFT; x <= MAX_SHIFT; x++) {
       float lanes[8] = {0}, sum = 0;
       for (int j = 0; j < 8; j++)
         for (int i = 0; i < 8; i++) {
-          float d = window[8 + y + j][8 + x + i] - luma[8 * j + i];
+          float d = window[WINDOW_BEGIN + y + j][WINDOW_BEGIN + x + i] - wanted[8 * j + i];
           lanes[i] += d * d;
         }
       for (int i = 0; i < 8; i++) sum += lanes[i];
@@ -262,49 +272,92 @@ static void add_coefficients(coefficients c, const coefficients more) {
   for (int k = 0; k < 3 * COEFFICIENTS; k++) (&c[0][0])[k] += (&more[0][0])[k];
 }
 
-/* The best way to code one block; *decoded is what the decoder will make of it. */
+/* base + shifted (key - base), where that moves best. */
+static void try_shift(const block_site *site, const coefficients target,
+                      coefficients predictions[PREDICTOR_COUNT], const place_state *state,
+                      block_choice *best) {
+  const layer_state *layer = &site->encoder->layer;
+  uint32_t group = layer_group(layer, site->s, site->t);
+  float window[WINDOW_SIDE][WINDOW_SIDE], wanted[COEFFICIENTS], block[3][COEFFICIENTS];
+  for (int y = -8; y <= 8; y += 8)
+    for (int x = -8; x <= 8; x += 8) {
+      layer->kernel->shifted(layer, group, site->place, x, y, block);
+      for (int i = 0; i < COEFFICIENTS; i++) window[y + 8 + i / 8][x + 8 + i % 8] = block[0][i];
+    }
+  for (int i = 0; i < COEFFICIENTS; i++) wanted[i] = target[0][i] - predictions[PREDICT_BASE][0][i];
+  layer->kernel->plain_inverse_dct(wanted);
+  int du = 0, dv = 0;
+  search_shift(window, wanted, &du, &dv);
+  if (!du && !dv) return; /* that is KEY */
+  layer->kernel->shifted(layer, group, site->place, du, dv, block);
+  for (int c = 0; c < 3; c++) layer->kernel->forward_dct(block[c], predictions[PREDICT_SHIFT][c]);
+  add_coefficients(predictions[PREDICT_SHIFT], predictions[PREDICT_BASE]);
+  try_predictor(site, PREDICT_SHIFT, du, dv, target, predictions[PREDICT_SHIFT], state, best);
+}
+
+static void try_layered(const block_site *site, const coefficients target,
+                        coefficients predictions[PREDICTOR_COUNT], const place_state *state,
+                        block_choice *best) {
+  const layer_encoder *e = site->encoder;
+  const layer_state *layer = &e->layer;
+  fine_block fine;
+  layer->kernel->key(layer, layer_group(layer, site->s, site->t), site->place, fine);
+  fine_to_coefficients(e, fine, predictions[PREDICT_KEY]);
+  try_predictor(site, PREDICT_KEY, 0, 0, target, predictions[PREDICT_KEY], state, best);
+  layer->kernel->keys(layer, site->s, site->t, site->place, fine);
+  fine_to_coefficients(e, fine, predictions[PREDICT_KEYS]);
+  try_predictor(site, PREDICT_KEYS, 0, 0, target, predictions[PREDICT_KEYS], state, best);
+  if (state->has_previous) {
+    memcpy(predictions[PREDICT_PREVIOUS], state->previous, sizeof(coefficients));
+    try_predictor(site, PREDICT_PREVIOUS, 0, 0, target, predictions[PREDICT_PREVIOUS], state, best);
+  }
+  try_shift(site, target, predictions, state, best);
+}
+
+/* The motion scheme: the left neighbour, shifted, its edges repeated. */
+static void try_motion(const block_site *site, const coefficients target,
+                       coefficients predictions[PREDICTOR_COUNT], const place_state *state,
+                       block_choice *best) {
+  const layer_state *layer = &site->encoder->layer;
+  float(*left)[COEFFICIENTS] = state->left[site->t & 1];
+  float window[WINDOW_SIDE][WINDOW_SIDE], wanted[COEFFICIENTS], block[3][COEFFICIENTS];
+  for (int y = 0; y < WINDOW_SIDE; y++)
+    for (int x = 0; x < WINDOW_SIDE; x++) {
+      int u = x < 8 ? 0 : x > 15 ? 7 : x - 8, v = y < 8 ? 0 : y > 15 ? 7 : y - 8;
+      window[y][x] = left[0][8 * v + u];
+    }
+  memcpy(wanted, target[0], sizeof wanted);
+  layer->kernel->plain_inverse_dct(wanted);
+  int du = 0, dv = 0;
+  search_shift(window, wanted, &du, &dv);
+  shift_channels(left, du, dv, block);
+  for (int c = 0; c < 3; c++) layer->kernel->forward_dct(block[c], predictions[PREDICT_SHIFT][c]);
+  try_predictor(site, PREDICT_SHIFT, du, dv, target, predictions[PREDICT_SHIFT], state, best);
+}
+
+/* The best way to code one block; state->previous becomes what the decoder will make of it. */
 static void choose_block(const block_site *site, const coefficients target, place_state *state,
                          block_choice *best) {
   const layer_encoder *e = site->encoder;
   const layer_state *layer = &e->layer;
-  int16_t fine[3][COEFFICIENTS];
+  slf_angular angular = layer->public.angular;
   coefficients predictions[PREDICTOR_COUNT];
   best->cost = FLT_MAX;
   memset(predictions[PREDICT_INTRA], 0, sizeof(coefficients));
   try_predictor(site, PREDICT_INTRA, 0, 0, target, NULL, state, best);
-  slf_angular angular = layer->public.angular;
-  bool with_base = site->kind != STREAM_BASE && layer_has(layer, STREAM_BASE);
-  if (with_base) {
-    decode_base(layer, site->place, fine);
+  if (site->kind != STREAM_BASE && layer_has(layer, STREAM_BASE)) {
+    fine_block fine;
+    layer->kernel->base(layer, site->place, fine);
     fine_to_coefficients(e, fine, predictions[PREDICT_BASE]);
-    try_predictor(site, PREDICT_BASE, 0, 0, target, predictions[PREDICT_BASE], state, best);
+    if (angular == SLF_ANGULAR_IDENTICAL)
+      try_copy(site, PREDICT_BASE, target, predictions[PREDICT_BASE], best);
+    else
+      try_predictor(site, PREDICT_BASE, 0, 0, target, predictions[PREDICT_BASE], state, best);
   }
-  if (site->kind == STREAM_REST && angular == SLF_ANGULAR_LAYERED) {
-    uint32_t group = layer_group(layer, site->s, site->t);
-    decode_key(layer, group, site->place, fine);
-    fine_to_coefficients(e, fine, predictions[PREDICT_KEY]);
-    try_predictor(site, PREDICT_KEY, 0, 0, target, predictions[PREDICT_KEY], state, best);
-    decode_keys(layer, site->s, site->t, site->place, fine);
-    fine_to_coefficients(e, fine, predictions[PREDICT_KEYS]);
-    try_predictor(site, PREDICT_KEYS, 0, 0, target, predictions[PREDICT_KEYS], state, best);
-    if (state->has_previous) {
-      memcpy(predictions[PREDICT_PREVIOUS], state->previous, sizeof(coefficients));
-      try_predictor(site, PREDICT_PREVIOUS, 0, 0, target, predictions[PREDICT_PREVIOUS], state,
-                    best);
-    }
-    coefficients wanted;
-    for (int k = 0; k < 3 * COEFFICIENTS; k++)
-      (&wanted[0][0])[k] = (&target[0][0])[k] - (&predictions[PREDICT_BASE][0][0])[k];
-    int du = 0, dv = 0;
-    search_shift(site, group, wanted, &du, &dv);
-    if (du || dv) {
-      float channels[3][COEFFICIENTS];
-      decode_shifted(layer, group, site->place, du, dv, channels);
-      for (int c = 0; c < 3; c++) forward_dct(channels[c], predictions[PREDICT_SHIFT][c]);
-      add_coefficients(predictions[PREDICT_SHIFT], predictions[PREDICT_BASE]);
-      try_predictor(site, PREDICT_SHIFT, du, dv, target, predictions[PREDICT_SHIFT], state, best);
-    }
-  }
+  if (site->kind == STREAM_REST && angular == SLF_ANGULAR_LAYERED)
+    try_layered(site, target, predictions, state, best);
+  if (angular == SLF_ANGULAR_MOTION && layer_chain_start(layer, site->s, site->t) != site->s)
+    try_motion(site, target, predictions, state, best);
   memcpy(state->previous, predictions[best->predictor], sizeof(coefficients));
   for (int c = 0; c < 3; c++)
     for (int i = 0; i < COEFFICIENTS; i++)
@@ -312,8 +365,7 @@ static void choose_block(const block_site *site, const coefficients target, plac
   state->has_previous = true;
 }
 
-/* ---- Places -------------------------------------------------------------------------------------
- */
+/* ---- Places -------------------------------------------------------------------------------- */
 
 /* The blocks of a place, in the order of their C-Blocks, and where they are. */
 typedef struct {
@@ -331,24 +383,78 @@ static unit_slices slices_of_quad(const layer_state *layer, uint32_t quad) {
   return unit;
 }
 
-static void put_place(const layer_encoder *e, stream_kind kind, const unit_slices *unit,
-                      uint64_t place, coefficients *blocks, const symbol_sink *sink,
-                      place_state *state) {
-  state->has_previous = false;
-  for (int i = 0; i < unit->slice_count; i++) {
-    block_site site = {
-        e,          kind,  unit->s[i],
-        unit->t[i], place, (float)e->layer.gains[kind] / (float)e->layer.gains[STREAM_REST]};
-    block_choice choice;
-    choose_block(&site, blocks[i], state, &choice);
-    put_block(sink, &choice, state);
-  }
+static block_site site_at(const layer_encoder *e, stream_kind kind, const unit_slices *unit, int i,
+                          uint64_t place) {
+  float step_scale = (float)e->layer.gains[kind] / (float)e->layer.gains[STREAM_REST];
+  return (block_site){e, kind, unit->s[i], unit->t[i], place, step_scale};
 }
 
-/* ---- Slices -------------------------------------------------------------------------------------
- */
+/* The squared error of a block's codes, of texels that exist. */
+static uint64_t block_error(const layer_encoder *e, const uint16_t *slice, uint64_t place,
+                            const coefficients decoded) {
+  const slf_layer *p = &e->layer.public;
+  float channels[3][COEFFICIENTS];
+  uint16_t codes[COEFFICIENTS][3];
+  uint64_t sum = 0;
+  memcpy(channels, decoded, sizeof channels);
+  for (int c = 0; c < 3; c++) e->layer.kernel->plain_inverse_dct(channels[c]);
+  layer_codes(&e->layer, channels, codes);
+  for (uint32_t i = 0; i < COEFFICIENTS; i++) {
+    if (place % p->block_u_count * 8 + i % 8 >= p->u_count ||
+        place / p->block_u_count * 8 + i / 8 >= p->v_count)
+      continue;
+    const uint16_t *texel = slice + 3 * texel_index(p, place, i);
+    for (int c = 0; c < 3; c++) {
+      int64_t difference = (int64_t)texel[c] - codes[i][c];
+      sum += (uint64_t)(difference * difference);
+    }
+  }
+  return sum;
+}
 
-static slf_result read_slice(layer_encoder *e, uint32_t s, uint32_t t, uint8_t *codes,
+/* What the motion scheme needs of a block's left neighbour. */
+static void keep_decoded(const block_site *site, place_state *state) {
+  float(*left)[COEFFICIENTS] = state->left[site->t & 1];
+  memcpy(left, state->previous, sizeof(coefficients));
+  for (int c = 0; c < 3; c++) site->encoder->layer.kernel->plain_inverse_dct(left[c]);
+}
+
+/* A sample has two columns of slices, and so the first one's left neighbours are not at hand. */
+static bool is_sampled_alone(const block_site *site, bool measured) {
+  const layer_state *layer = &site->encoder->layer;
+  return layer->public.angular == SLF_ANGULAR_MOTION && !measured && site->s % 2 == 0 &&
+         layer_chain_start(layer, site->s, site->t) != site->s;
+}
+
+/* Chooses and puts a place's blocks. Returns their squared error where `measured`: the slices are
+ * then the encoder's own. */
+static uint64_t put_place(const layer_encoder *e, stream_kind kind, const unit_slices *unit,
+                          uint64_t place, coefficients *blocks, const symbol_sink *sink,
+                          bool measured, place_state *state) {
+  bool motion = e->layer.public.angular == SLF_ANGULAR_MOTION;
+  block_choice choices[QUAD_SLICES];
+  uint64_t error = 0;
+  state->has_previous = false;
+  /* Motion goes along S, from column to column; else each block may lean on the one before. */
+  for (int column = 0; column < 2; column++)
+    for (int i = 0; i < unit->slice_count; i++) {
+      if (motion ? (int)(unit->s[i] & 1) != column : column) continue;
+      block_site site = site_at(e, kind, unit, i, place);
+      choose_block(&site, blocks[i], state, &choices[i]);
+      if (motion) keep_decoded(&site, state);
+      if (measured) error += block_error(e, e->slices[i], place, state->previous);
+      if (!motion) put_block(sink, &choices[i], state);
+    }
+  for (int i = 0; motion && i < unit->slice_count; i++) {
+    block_site site = site_at(e, kind, unit, i, place);
+    if (!is_sampled_alone(&site, measured)) put_block(sink, &choices[i], state);
+  }
+  return error;
+}
+
+/* ---- Slices -------------------------------------------------------------------------------- */
+
+static slf_result read_slice(layer_encoder *e, uint32_t s, uint32_t t, uint16_t *codes,
                              slf_error *error) {
   const slf_layer *p = &e->layer.public;
   slf_result result = e->source->read_slice(e->source->context, s, t, e->rgb, error);
@@ -359,7 +465,8 @@ static slf_result read_slice(layer_encoder *e, uint32_t s, uint32_t t, uint8_t *
       return slf_fail(error, SLF_ERROR_ARGUMENT,
                       "%s: slice (%u, %u): texel (%zu, %zu) is not finite", e->name, s, t,
                       k / 3 % p->u_count, k / 3 / p->u_count);
-    codes[k] = slf_srgb_from_linear(e->rgb[k]);
+    codes[k] =
+        p->curve == SLF_CURVE_SRGB ? slf_srgb_from_linear(e->rgb[k]) : dwa_from_linear(e->rgb[k]);
   }
   return SLF_OK;
 }
@@ -383,8 +490,7 @@ static uint32_t unit_index_count(const layer_state *layer, stream_kind kind) {
   return layer->group_s_count * layer->group_t_count;
 }
 
-/* ---- Codes --------------------------------------------------------------------------------------
- */
+/* ---- Codes --------------------------------------------------------------------------------- */
 
 typedef struct {
   unit_slices unit;
@@ -408,22 +514,28 @@ static void count_places(void *context, uint64_t task) {
       (task + 1) * PLACES_A_TASK < tr->place_count ? (task + 1) * PLACES_A_TASK : tr->place_count;
   symbol_sink sink = {tr->encoder->encoders, tr->counts[task], NULL};
   for (uint64_t i = task * PLACES_A_TASK; i < end; i++) {
-    place_state state = {0};
+    coefficients left[2] = {{{0}}};
+    place_state state = {.left = {left[0], left[1]}};
     put_place(tr->encoder, tr->kind, &tr->places[i].unit, tr->places[i].place, tr->places[i].blocks,
-              &sink, &state);
+              &sink, false, &state);
   }
 }
 
 /* Makes codes for what was counted; what the sample lacks the rest may have. */
 static void build_codes(layer_encoder *e, stream_kind kind, uint64_t counts[CODE_COUNT][256]) {
   block_codes *codes = &e->layer.streams[kind].codes;
+  slf_angular angular = e->layer.public.angular;
   bool predicts[PREDICTOR_COUNT] = {true};
-  if (kind != STREAM_BASE && layer_has(&e->layer, STREAM_BASE)) predicts[PREDICT_BASE] = true;
-  if (kind == STREAM_REST && layer_has(&e->layer, STREAM_KEYS))
-    predicts[PREDICT_KEY] = predicts[PREDICT_KEYS] = predicts[PREDICT_SHIFT] =
-        predicts[PREDICT_PREVIOUS] = true;
-  bool residual = predicts[PREDICT_BASE] || predicts[PREDICT_SHIFT];
-  for (int i = 0; i < PREDICTOR_COUNT * 8; i++) counts[CODE_HEAD][i] += predicts[i / 8];
+  bool layered = kind == STREAM_REST && angular == SLF_ANGULAR_LAYERED;
+  predicts[PREDICT_BASE] = kind != STREAM_BASE && layer_has(&e->layer, STREAM_BASE);
+  predicts[PREDICT_KEY] = predicts[PREDICT_KEYS] = predicts[PREDICT_PREVIOUS] = layered;
+  predicts[PREDICT_SHIFT] = layered || angular == SLF_ANGULAR_MOTION;
+  bool residual =
+      predicts[PREDICT_SHIFT] || (predicts[PREDICT_BASE] && angular == SLF_ANGULAR_LAYERED);
+  for (int i = 0; i < PREDICTOR_COUNT * 8; i++) {
+    bool copy_only = i / 8 == PREDICT_BASE && angular == SLF_ANGULAR_IDENTICAL;
+    counts[CODE_HEAD][i] += predicts[i / 8] && !(copy_only && i % 8);
+  }
   for (int i = -MAX_SHIFT; i <= MAX_SHIFT; i++)
     counts[CODE_SHIFT][i + 16] += predicts[PREDICT_SHIFT];
   for (int r = 0; r <= residual; r++)
@@ -453,7 +565,7 @@ static void choose_run(layer_encoder *e, stream_kind kind, uint64_t counts[CODE_
     }
   unsigned log2 = 0;
   while (log2 < MAX_RUN_LOG2 && bits / (double)place_count * (1u << log2) < ENTRY_BITS) log2++;
-  layer_set_run(&e->layer, kind, 1u << log2);
+  layer_set_run(&e->layer, kind, log2);
 }
 
 static slf_result train(layer_encoder *e, training *tr, slf_error *error) {
@@ -474,8 +586,7 @@ static slf_result train(layer_encoder *e, training *tr, slf_error *error) {
   return SLF_OK;
 }
 
-/* ---- Streams ------------------------------------------------------------------------------------
- */
+/* ---- Streams ------------------------------------------------------------------------------- */
 
 /* Where a place's coefficients come from: slices that were read, or the base's own mean. */
 typedef struct {
@@ -493,7 +604,7 @@ static void transform_place(const unit_task *task, uint64_t place, coefficients 
     float rgb[COEFFICIENTS][3];
     for (uint32_t i = 0; i < COEFFICIENTS; i++)
       memcpy(rgb[i], task->mean + 3 * texel_index(&e->layer.public, place, i), sizeof rgb[i]);
-    transform_texels(rgb, blocks[0]);
+    transform_texels(&e->layer, rgb, blocks[0]);
     return;
   }
   for (int i = 0; i < task->unit.slice_count; i++)
@@ -502,7 +613,8 @@ static void transform_place(const unit_task *task, uint64_t place, coefficients 
 
 static void put_entries(void *context, uint64_t index) {
   const unit_task *task = context;
-  const layer_encoder *e = task->encoder;
+  layer_encoder *e = task->encoder;
+  uint64_t error = 0;
   uint64_t places = layer_place_count(&e->layer);
   uint32_t run = e->layer.streams[task->kind].run_places;
   for (uint64_t entry = index * ENTRIES_A_TASK;
@@ -512,9 +624,12 @@ static void put_entries(void *context, uint64_t index) {
     for (uint64_t place = entry * run; place < (entry + 1) * run && place < places; place++) {
       coefficients blocks[QUAD_SLICES];
       transform_place(task, place, blocks);
-      put_place(e, task->kind, &task->unit, place, blocks, &sink, &state);
+      for (int i = 0; i < 2 && e->left[i]; i++) state.left[i] = e->left[i][place];
+      bool measured = task->kind != STREAM_BASE;
+      error += put_place(e, task->kind, &task->unit, place, blocks, &sink, measured, &state);
     }
   }
+  atomic_fetch_add(&e->squared_error, error);
 }
 
 static slf_result put_unit(unit_task *task, stream_writer *writer, slf_error *error) {
@@ -596,8 +711,7 @@ static slf_result put_stream(layer_encoder *e, stream_kind kind, const float *me
   return SLF_OK;
 }
 
-/* ---- The base -----------------------------------------------------------------------------------
- */
+/* ---- The base ------------------------------------------------------------------------------ */
 
 /* The mean over all slices; of the identical scheme, the first slice. */
 static slf_result make_mean(layer_encoder *e, float *mean, slf_error *error) {
@@ -630,8 +744,7 @@ static slf_result put_base(layer_encoder *e, encoded_stream *encoded, slf_error 
   return result;
 }
 
-/* ---- The layer ----------------------------------------------------------------------------------
- */
+/* ---- The layer ----------------------------------------------------------------------------- */
 
 static slf_result put_header(const layer_state *layer, encoded_layer *encoded, const char *name,
                              slf_error *error) {
@@ -647,6 +760,7 @@ static slf_result put_header(const layer_state *layer, encoded_layer *encoded, c
   put_u32(b + 12, p->s_count);
   put_u32(b + 16, p->t_count);
   put_f32(b + 20, p->quality);
+  put_f32(b + 24, p->psnr);
   put_f32(b + 28, p->height_unit);
   for (int channel = 0; channel < 3; channel++)
     for (int k = 0; k < COEFFICIENTS; k++)
@@ -656,7 +770,7 @@ static slf_result put_header(const layer_state *layer, encoded_layer *encoded, c
     if (!layer_has(layer, kind)) continue;
     const layer_stream *stream = &layer->streams[kind];
     at[0] = (uint8_t)layer->gains[kind];
-    at[1] = (uint8_t)__builtin_ctz(stream->run_places);
+    at[1] = (uint8_t)stream->run_log2;
     unsigned used = 0;
     for (int i = 0; i < CODE_COUNT; i++)
       used |= (unsigned)(stream->codes.codes[i].symbol_count > 0) << i;
@@ -682,8 +796,11 @@ static slf_result check_options(const slf_layer_options *o, const char *name, sl
   if ((o->role == SLF_ROLE_HEIGHT) != (o->height_unit > 0) || !isfinite(o->height_unit))
     return slf_fail(error, SLF_ERROR_ARGUMENT, "%s: a height unit of %g for role %d", name,
                     o->height_unit, o->role);
-  if (o->curve != SLF_CURVE_SRGB)
-    return slf_fail(error, SLF_ERROR_ARGUMENT, "%s: curve %d is not known", name, o->curve);
+  if (o->curve != SLF_CURVE_SRGB && o->curve != SLF_CURVE_DWA)
+    return slf_fail(error, SLF_ERROR_ARGUMENT, "%s: curve %d is not known", name, (int)o->curve);
+  if (o->angular > SLF_ANGULAR_LAYERED || o->role > SLF_ROLE_HEIGHT)
+    return slf_fail(error, SLF_ERROR_ARGUMENT, "%s: angular %d, role %d", name, (int)o->angular,
+                    (int)o->role);
   return SLF_OK;
 }
 
@@ -696,8 +813,11 @@ static slf_result encode_streams(layer_encoder *e, encoded_layer *encoded, slf_e
   if (result == SLF_OK)
     result =
         put_stream(e, STREAM_REST, NULL, &encoded->streams[STREAM_REST], base ? 0.15 : 0, error);
-  if (result == SLF_OK) result = put_header(&e->layer, encoded, e->name, error);
-  return result;
+  if (result != SLF_OK) return result;
+  double peak = e->layer.public.curve == SLF_CURVE_DWA ? DWA_SCALE : 255; /* of white */
+  double mean = (double)e->squared_error / (double)e->layer.public.raw_nbytes;
+  e->layer.public.psnr = (float)(10 * log10(peak * peak / fmax(mean, 1e-9)));
+  return put_header(&e->layer, encoded, e->name, error);
 }
 
 slf_result encode_layer(const slf_layer_options *options, const slf_source *source,
@@ -723,10 +843,15 @@ slf_result encode_layer(const slf_layer_options *options, const slf_source *sour
   e->layer.gains[STREAM_BASE] = options->angular == SLF_ANGULAR_IDENTICAL ? FINE : 1;
   e->layer.gains[STREAM_KEYS] = 2;
   e->layer.gains[STREAM_REST] = FINE;
+  layer_set_curve(&e->layer);
   make_steps(e);
   size_t samples = 3 * (size_t)options->u_count * options->v_count;
   bool allocated = (e->rgb = malloc(samples * sizeof *e->rgb)) != NULL;
-  for (int i = 0; i < QUAD_SLICES; i++) allocated = (e->slices[i] = malloc(samples)) && allocated;
+  for (int i = 0; i < QUAD_SLICES; i++)
+    allocated = (e->slices[i] = malloc(samples * sizeof *e->slices[i])) && allocated;
+  uint64_t places = ((uint64_t)options->u_count + 7) / 8 * (((uint64_t)options->v_count + 7) / 8);
+  for (int i = 0; i < 2 && options->angular == SLF_ANGULAR_MOTION; i++)
+    allocated = (e->left[i] = calloc(places, sizeof *e->left[i])) && allocated;
   if (allocated)
     result = encode_streams(e, encoded, error);
   else
@@ -734,6 +859,7 @@ slf_result encode_layer(const slf_layer_options *options, const slf_source *sour
         slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for slices of %zu samples", name, samples);
   if (result != SLF_OK) encoded_layer_free(encoded);
   for (int i = 0; i < QUAD_SLICES; i++) free(e->slices[i]);
+  for (int i = 0; i < 2; i++) free(e->left[i]);
   free(e->rgb);
   layer_free(&e->layer);
   free(e);

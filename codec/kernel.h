@@ -1,24 +1,123 @@
-/* kernel.h - the transform and the colours: what a C-Block costs beside its bits. */
+/* kernel.h - the hot path: find, parse, decode, transform.
+ *
+ * find.c, parse.c, transform.c and decode.c are compiled once for any processor (the reference)
+ * and, on x86-64, once more for AVX2, BMI2 and POPCNT. Both give the same bits: integers are exact,
+ * and floats are neither contracted nor reassociated. Outside of them only the table of functions
+ * is seen, and kernel_choose picks it when a layer is made. */
 #ifndef SLF_KERNEL_H
 #define SLF_KERNEL_H
 
 #include "codec/layer.h"
 
-/* Inverse transform of one channel in natural order, in place: orthonormal coefficients times AAN's
- * factors / 8. Float without contraction, so that every processor gives the same bits. */
+#ifdef SLF_KERNEL_AVX2
+#define KERNEL(name) name##_avx2
+#define SLF_KERNEL_NAME "AVX2"
+#else
+#define KERNEL(name) name##_plain
+#define SLF_KERNEL_NAME "plain C"
+#endif
+
+/* ---- Find: FORMAT.md, "Block streams" ------------------------------------------------------ */
+
+/* The bit, counted from stream->bytes, at which entry `entry` (< entry_count) begins; at most
+ * 8 * (nbytes - STREAM_PAD_NBYTES), whatever the bytes. */
+#define stream_find KERNEL(stream_find)
+uint64_t stream_find(const block_stream *stream, uint64_t entry);
+
+/* Checks that the directory and every segment's offsets lie inside and in order. */
+#define stream_check KERNEL(stream_check)
+slf_result stream_check(const block_stream *stream, const char *name, slf_error *error);
+
+/* Asks for the cache lines that finding an entry will read: first the directory's, later, when that
+ * is there, the segment's. */
+#define stream_prefetch_directory KERNEL(stream_prefetch_directory)
+void stream_prefetch_directory(const block_stream *stream, uint64_t entry);
+#define stream_prefetch_segment KERNEL(stream_prefetch_segment)
+void stream_prefetch_segment(const block_stream *stream, uint64_t entry);
+
+/* ---- Parse: FORMAT.md, "C-Blocks" ---------------------------------------------------------- */
+
+/* A position in a stream. */
+typedef struct {
+  const uint8_t *bytes;
+  uint64_t bit, end_bit;
+} bit_cursor;
+
+/* Reads the entry's next C-Block, its `number`-th from 0; `first` if it is its place's first, which
+ * nothing precedes. False if its bits are no C-Block. */
+#define block_parse KERNEL(block_parse)
+bool block_parse(const block_tables *tables, bit_cursor *cursor, uint32_t number, bool first,
+                 entry_state *state);
+
+/* ---- Transform ----------------------------------------------------------------------------- */
+
+/* Inverse transform of one channel: column-major coefficients times AAN's factors / 8, in place, to
+ * row-major texels. */
+#define inverse_dct KERNEL(inverse_dct)
 void inverse_dct(float block[COEFFICIENTS]);
 
 /* The same from plain orthonormal coefficients. */
+#define plain_inverse_dct KERNEL(plain_inverse_dct)
 void plain_inverse_dct(float block[COEFFICIENTS]);
 
-/* Orthonormal coefficients of 8x8 texels. */
+/* Row-major texels to column-major orthonormal coefficients. */
+#define forward_dct KERNEL(forward_dct)
 void forward_dct(const float texels[COEFFICIENTS], float coefficients[COEFFICIENTS]);
 
-/* Fine levels to channels. */
-void levels_to_channels(const layer_state *layer, int16_t fine[3][COEFFICIENTS],
-                        float channels[3][COEFFICIENTS]);
+/* prediction (NULL: nothing; fine levels) + gain * the entry's levels, to channels: luma without
+ * its level shift, Cb, Cr, row-major. */
+#define levels_to_channels KERNEL(levels_to_channels)
+void levels_to_channels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
+                        const entry_state *state, uint32_t gain, float channels[3][COEFFICIENTS]);
 
-/* Channels (luma without its level shift, Cb, Cr) to R G B X. */
+/* Channels to R G B X, 8 bits. */
+#define channels_to_codes KERNEL(channels_to_codes)
 void channels_to_codes(float channels[3][COEFFICIENTS], uint8_t *u_block);
+
+/* Both, without a stop between. */
+#define levels_to_codes KERNEL(levels_to_codes)
+void levels_to_codes(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
+                     const entry_state *state, uint32_t gain, uint8_t *u_block);
+
+/* ---- The table ----------------------------------------------------------------------------- */
+
+typedef int16_t fine_block[3][COEFFICIENTS];
+
+struct kernel {
+  const char *name;
+  slf_result (*check_stream)(const block_stream *stream, const char *name, slf_error *error);
+  uint64_t (*find)(const block_stream *stream, uint64_t entry);
+  bool (*parse)(const block_tables *tables, bit_cursor *cursor, uint32_t number, bool first,
+                entry_state *state);
+  void (*inverse_dct)(float block[COEFFICIENTS]);
+  void (*plain_inverse_dct)(float block[COEFFICIENTS]);
+  void (*forward_dct)(const float texels[COEFFICIENTS], float coefficients[COEFFICIENTS]);
+  void (*channels_to_codes)(float channels[3][COEFFICIENTS], uint8_t *u_block);
+
+  /* Fine levels of a base block, of a group's key, of the keys around a slice, mixed. */
+  void (*base)(const layer_state *layer, uint64_t place, fine_block fine);
+  void (*key)(const layer_state *layer, uint32_t group, uint64_t place, fine_block fine);
+  void (*keys)(const layer_state *layer, uint32_t s, uint32_t t, uint64_t place, fine_block fine);
+  /* key - base, the texels (du, dv) away from a place's, as channels. */
+  void (*shifted)(const layer_state *layer, uint32_t group, uint64_t place, int du, int dv,
+                  float channels[3][COEFFICIENTS]);
+  /* A block of an existing slice. */
+  void (*channels)(const layer_state *layer, uint32_t s, uint32_t t, uint64_t place,
+                   float channels[3][COEFFICIENTS]);
+  /* slf_decode_blocks. */
+  void (*blocks)(const layer_state *layer, const slf_block_address *addresses, size_t count,
+                 uint8_t *const *u_blocks);
+};
+
+extern const kernel kernel_plain;
+#ifdef SLF_HAS_AVX2
+extern const kernel kernel_avx2;
+#endif
+
+/* The best kernel that this processor runs. */
+const kernel *kernel_choose(void);
+
+/* The motion scheme's shift: edges repeat. */
+void shift_channels(float from[3][COEFFICIENTS], int du, int dv, float to[3][COEFFICIENTS]);
 
 #endif

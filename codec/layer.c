@@ -1,14 +1,13 @@
 #include "codec/layer.h"
 
+#include "codec/kernel.h"
+
+#include <math.h>
 #include <stdatomic.h>
 #include <stdlib.h>
 
 const double slf_aan[8] = {1.0, 1.387039845322148, 1.306562964876377, 1.175875602419359,
                            1.0, 0.785694958387102, 0.541196100146197, 0.275899379282943};
-
-static bool slice_exists(const layer_state *layer, uint32_t s, uint32_t t) {
-  return slf_slice_exists(layer->public.s_count, layer->public.t_count, s, t);
-}
 
 /* The slice of a group nearest to its centre (2, 2), the first of equals; NO_KEY without one. */
 static uint32_t choose_key(const layer_state *layer, uint32_t group_s, uint32_t group_t) {
@@ -17,22 +16,24 @@ static uint32_t choose_key(const layer_state *layer, uint32_t group_s, uint32_t 
     for (uint32_t i = 0; i < GROUP_SIDE; i++) {
       uint32_t s = group_s * GROUP_SIDE + i, t = group_t * GROUP_SIDE + j;
       uint32_t distance = (i - 2) * (i - 2) + (j - 2) * (j - 2);
-      if (!slice_exists(layer, s, t) || distance >= best_distance) continue;
+      if (!layer_has_slice(layer, s, t) || distance >= best_distance) continue;
       best = t << 16 | s;
       best_distance = distance;
     }
   return best;
 }
 
-void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_places) {
+void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2) {
   layer_stream *stream = &layer->streams[kind];
-  stream->run_places = run_places;
-  stream->entries_per_unit = (layer_place_count(layer) + run_places - 1) / run_places;
+  stream->run_log2 = run_log2;
+  stream->run_places = 1u << run_log2;
+  stream->entries_per_unit = (layer_place_count(layer) + stream->run_places - 1) >> run_log2;
   stream->blocks.entry_count = stream->entries_per_unit * stream->unit_count;
 }
 
 slf_result layer_make_units(layer_state *layer, const char *name, slf_error *error) {
   slf_layer *p = &layer->public;
+  layer->kernel = kernel_choose();
   p->block_u_count = (p->u_count + SLF_BLOCK_SIDE - 1) / SLF_BLOCK_SIDE;
   p->block_v_count = (p->v_count + SLF_BLOCK_SIDE - 1) / SLF_BLOCK_SIDE;
   layer->quad_s_count = (p->s_count + 1) / 2;
@@ -41,12 +42,16 @@ slf_result layer_make_units(layer_state *layer, const char *name, slf_error *err
   layer->group_t_count = (p->t_count + GROUP_SIDE - 1) / GROUP_SIDE;
   size_t quads = (size_t)layer->quad_s_count * layer->quad_t_count;
   size_t groups = (size_t)layer->group_s_count * layer->group_t_count;
+  layer->slices = malloc((size_t)p->s_count * p->t_count);
   layer->quad_ranks = malloc(quads * sizeof *layer->quad_ranks);
   layer->quad_slices = calloc(quads, 1);
   layer->group_ranks = malloc(groups * sizeof *layer->group_ranks);
   layer->group_keys = malloc(groups * sizeof *layer->group_keys);
-  if (!layer->quad_ranks || !layer->quad_slices || !layer->group_ranks || !layer->group_keys)
+  if (!layer->slices || !layer->quad_ranks || !layer->quad_slices || !layer->group_ranks ||
+      !layer->group_keys)
     return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for %zu quads", name, quads);
+  for (uint32_t i = 0; i < p->s_count * p->t_count; i++)
+    layer->slices[i] = slf_slice_exists(p->s_count, p->t_count, i % p->s_count, i / p->s_count);
   layer->streams[STREAM_BASE].unit_count = 1;
   for (uint32_t i = 0; i < groups; i++) {
     layer->group_keys[i] = choose_key(layer, i % layer->group_s_count, i / layer->group_s_count);
@@ -55,7 +60,7 @@ slf_result layer_make_units(layer_state *layer, const char *name, slf_error *err
   }
   for (uint32_t t = 0; t < p->t_count; t++)
     for (uint32_t s = 0; s < p->s_count; s++) {
-      if (!slice_exists(layer, s, t)) continue;
+      if (!layer_has_slice(layer, s, t)) continue;
       p->slice_count++;
       if (!layer_is_key(layer, s, t))
         layer->quad_slices[t / 2 * layer->quad_s_count + s / 2] |=
@@ -65,7 +70,7 @@ slf_result layer_make_units(layer_state *layer, const char *name, slf_error *err
     layer->quad_ranks[i] = layer->streams[STREAM_REST].unit_count;
     if (layer->quad_slices[i]) layer->streams[STREAM_REST].unit_count++;
   }
-  for (int kind = 0; kind < STREAM_COUNT; kind++) layer_set_run(layer, kind, 1);
+  for (int kind = 0; kind < STREAM_COUNT; kind++) layer_set_run(layer, kind, 0);
   p->raw_nbytes = (uint64_t)p->u_count * p->v_count * 3 * p->slice_count;
   return SLF_OK;
 }
@@ -75,6 +80,47 @@ void layer_make_scales(layer_state *layer) {
     for (int i = 0; i < COEFFICIENTS; i++)
       layer->scales[channel][i] = (float)(layer->steps[channel][i] / (double)(STEP_ONE * FINE) *
                                           slf_aan[i / 8] * slf_aan[i % 8] / 8);
+}
+
+void layer_set_curve(layer_state *layer) {
+  layer->level_shift = layer->public.curve == SLF_CURVE_DWA ? DWA_CODES / 2 : 128;
+}
+
+slf_result layer_make_linear(layer_state *layer, const char *name, slf_error *error) {
+  layer->linear = malloc(DWA_CODES * sizeof *layer->linear);
+  if (!layer->linear) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", name);
+  for (int code = 0; code < DWA_CODES; code++)
+    layer->linear[code] = linear_from_dwa((uint16_t)code);
+  return SLF_OK;
+}
+
+uint16_t dwa_from_linear(float radiance) {
+  if (!(radiance > 0)) return 0;
+  double x = fmin(radiance, 65504);
+  double curve = x <= 1 ? pow(x, 1 / 2.2) : log(x) / 2.2 + 1;
+  return (uint16_t)(curve * DWA_SCALE + 0.5);
+}
+
+float linear_from_dwa(uint16_t code) {
+  double curve = (double)code / DWA_SCALE;
+  return (float)(curve <= 1 ? pow(curve, 2.2) : exp(2.2 * (curve - 1)));
+}
+
+static uint16_t to_code(float value, float high) {
+  value = value > 0 ? value : 0;
+  value = value < high ? value : high;
+  return (uint16_t)(value + 0.5f);
+}
+
+void layer_codes(const layer_state *layer, float channels[3][COEFFICIENTS],
+                 uint16_t codes[COEFFICIENTS][3]) {
+  float high = layer->public.curve == SLF_CURVE_DWA ? DWA_CODES - 1 : 255;
+  for (int i = 0; i < COEFFICIENTS; i++) {
+    float luma = channels[0][i] + layer->level_shift, cb = channels[1][i], cr = channels[2][i];
+    codes[i][0] = to_code(luma + 1.402f * cr, high);
+    codes[i][1] = to_code(luma - 0.344136f * cb - 0.714136f * cr, high);
+    codes[i][2] = to_code(luma + 1.772f * cb, high);
+  }
 }
 
 slf_result layer_make_base(layer_state *layer, const char *name, slf_error *error) {
@@ -87,6 +133,8 @@ slf_result layer_make_base(layer_state *layer, const char *name, slf_error *erro
 }
 
 void layer_free(layer_state *layer) {
+  free(layer->linear);
+  free(layer->slices);
   free(layer->quad_ranks);
   free(layer->quad_slices);
   free(layer->group_ranks);
@@ -130,6 +178,6 @@ int layer_key_taps(const layer_state *layer, uint32_t s, uint32_t t, key_tap tap
 
 uint32_t layer_chain_start(const layer_state *layer, uint32_t s, uint32_t t) {
   uint32_t start = s / MOTION_CHAIN * MOTION_CHAIN;
-  while (start < s && !slice_exists(layer, start, t)) start++;
+  while (start < s && !layer_has_slice(layer, start, t)) start++;
   return start;
 }

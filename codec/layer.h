@@ -25,7 +25,7 @@ typedef enum { STREAM_BASE, STREAM_KEYS, STREAM_REST, STREAM_COUNT } stream_kind
 typedef struct {
   block_stream blocks;
   uint32_t unit_count;
-  uint32_t run_places; /* block places that an entry spans, a power of two */
+  uint32_t run_log2, run_places; /* block places that an entry spans, and their logarithm */
   uint64_t entries_per_unit;
   uint64_t payload_bits;
   block_codes codes;
@@ -38,11 +38,17 @@ static inline unsigned quad_place(uint32_t s, uint32_t t) {
   return (t & 1) ? 3 - (s & 1) : (s & 1);
 }
 
+typedef struct kernel kernel;
+
 typedef struct {
   slf_layer public;
-  uint16_t steps[3][COEFFICIENTS]; /* natural order */
+  const kernel *kernel;
+  uint16_t steps[3][COEFFICIENTS]; /* column-major */
   float scales[3][COEFFICIENTS];   /* of a fine level: steps and AAN's factors */
+  float level_shift;               /* what luma's codes are coded around */
+  float *linear;                   /* HDR: radiance of each code */
   uint32_t gains[STREAM_COUNT];    /* fine levels in a level of each stream */
+  uint8_t *slices;                 /* [t][s]: 1 where the slice exists */
   uint32_t quad_s_count, quad_t_count;
   uint32_t *quad_ranks; /* [t][s]: units before, and */
   uint8_t *quad_slices; /* [t][s]: bit quad_place(s, t) set where the rest has the slice */
@@ -77,10 +83,23 @@ static inline bool layer_has(const layer_state *layer, stream_kind kind) {
 
 /* Fills what follows from public's dimensions and angular: block counts, slices, units. */
 slf_result layer_make_units(layer_state *layer, const char *name, slf_error *error);
-void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_places);
+void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2);
+void layer_set_curve(layer_state *layer); /* level_shift, from public's curve */
+slf_result layer_make_linear(layer_state *layer, const char *name, slf_error *error);
 void layer_make_scales(layer_state *layer); /* from steps */
 slf_result layer_make_base(layer_state *layer, const char *name, slf_error *error);
 void layer_free(layer_state *layer);
+
+/* Channels to codes R G B of 64 texels, clamped to what the curve has. */
+void layer_codes(const layer_state *layer, float channels[3][COEFFICIENTS],
+                 uint16_t codes[COEFFICIENTS][3]);
+
+/* The HDR curve (OpenEXR's DWA): x^(1/2.2) up to 1, 1 + ln(x) / 2.2 above; a half's largest value,
+ * 65504, is 6.041. In codes of 12 bits, 1 is DWA_SCALE. Fine levels must fit in 16 bits: 8 * 4095 /
+ * (step / FINE) does from DWA_LEAST_STEP on. */
+enum { DWA_SCALE = 677, DWA_CODES = 4096, DWA_LEAST_STEP = 4 };
+uint16_t dwa_from_linear(float radiance); /* NaN and below 0 give 0 */
+float linear_from_dwa(uint16_t code);
 
 /* The keys around a slice and their weights, which sum to 16: bilinear in the groups' centres, the
  * groups without a slice left out. Returns how many (1 .. 4). */
@@ -89,6 +108,11 @@ typedef struct {
   int32_t weight;
 } key_tap;
 int layer_key_taps(const layer_state *layer, uint32_t s, uint32_t t, key_tap taps[4]);
+
+static inline bool layer_has_slice(const layer_state *layer, uint32_t s, uint32_t t) {
+  return s < layer->public.s_count && t < layer->public.t_count &&
+         layer->slices[t * layer->public.s_count + s];
+}
 
 static inline uint32_t layer_group(const layer_state *layer, uint32_t s, uint32_t t) {
   return t / GROUP_SIDE * layer->group_s_count + s / GROUP_SIDE;

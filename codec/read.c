@@ -1,5 +1,6 @@
 /* read.c - opening and checking a file. FORMAT.md, "Chunks". */
 #include "codec/file.h"
+#include "codec/kernel.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -11,8 +12,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-/* ---- Chunks -------------------------------------------------------------------------------------
- */
+/* ---- Chunks -------------------------------------------------------------------------------- */
 
 static const char *type_name(uint32_t type, char name[5]) {
   put_u32((uint8_t *)name, type);
@@ -100,8 +100,7 @@ static slf_result bad_size(const slf_file *file, const chunk *c, uint64_t expect
                   file->name, type_name(c->type, name), c->offset, c->nbytes, expected);
 }
 
-/* ---- Scene and meshes ---------------------------------------------------------------------------
- */
+/* ---- Scene and meshes ---------------------------------------------------------------------- */
 
 static bool get_name(const uint8_t *p, char name[SLF_NAME_NBYTES]) {
   memcpy(name, p, SLF_NAME_NBYTES);
@@ -213,8 +212,7 @@ static slf_result read_mesh(slf_file *file, uint32_t index, slf_error *error) {
   return SLF_OK;
 }
 
-/* ---- Layers -------------------------------------------------------------------------------------
- */
+/* ---- Layers -------------------------------------------------------------------------------- */
 
 /* A layer being read: its chunk's bytes are taken from the front. */
 typedef struct {
@@ -239,10 +237,11 @@ static slf_result read_fixed(layer_reader *r, slf_error *error) {
   p->s_count = get_u32(b + 12);
   p->t_count = get_u32(b + 16);
   p->quality = get_f32(b + 20);
+  p->psnr = get_f32(b + 24);
   p->height_unit = get_f32(b + 28);
   if (b[0] > SLF_ROLE_HEIGHT || b[1] > SLF_CURVE_DWA || b[2] > SLF_ANGULAR_LAYERED || b[3] ||
-      !isfinite(p->quality) || !isfinite(p->height_unit) ||
-      (b[0] == SLF_ROLE_HEIGHT) != (p->height_unit > 0))
+      !isfinite(p->quality) || !isfinite(p->psnr) || !isfinite(p->height_unit) ||
+      (b[0] == SLF_ROLE_HEIGHT ? !(p->height_unit > 0) : get_u32(b + 28) != 0))
     return slf_fail(error, SLF_ERROR_FORMAT, "%s: role %u, curve %u, angular %u", r->name, b[0],
                     b[1], b[2]);
   if (p->u_count - 1 >= SLF_MAX_TEXELS || p->v_count - 1 >= SLF_MAX_TEXELS ||
@@ -256,6 +255,7 @@ static slf_result read_fixed(layer_reader *r, slf_error *error) {
         return slf_fail(error, SLF_ERROR_FORMAT, "%s: a step of %u sixteenths", r->name, step);
       r->state->steps[channel][slf_zigzag[k]] = (uint16_t)step;
     }
+  layer_set_curve(r->state);
   layer_make_scales(r->state);
   r->at += LAYER_FIXED_NBYTES;
   return SLF_OK;
@@ -289,7 +289,7 @@ static slf_result read_stream(layer_reader *r, stream_kind kind, slf_error *erro
                     kind, gain, run_log2, used);
   r->at += STREAM_HEADER_NBYTES;
   r->state->gains[kind] = gain;
-  layer_set_run(r->state, kind, 1u << run_log2);
+  layer_set_run(r->state, kind, run_log2);
   slf_result result = read_codes(r, stream, used, error);
   const chunk *blocks;
   if (result == SLF_OK)
@@ -324,6 +324,8 @@ static slf_result read_layer(slf_file *file, uint32_t surface_index, uint32_t la
     if (layer_has(r.state, kind)) result = read_stream(&r, kind, error);
   if (result == SLF_OK && layer_has(r.state, STREAM_BASE))
     result = layer_make_base(r.state, r.name, error);
+  if (result == SLF_OK && r.state->public.curve == SLF_CURVE_DWA)
+    result = layer_make_linear(r.state, r.name, error);
   if (result == SLF_OK && r.at != r.end)
     result = slf_fail(error, SLF_ERROR_FORMAT, "%s: %td bytes too many", r.name, r.end - r.at);
   r.state->public.index_nbytes += c->nbytes;
@@ -346,8 +348,7 @@ static slf_result read_layers(slf_file *file, uint32_t index, slf_error *error) 
   return SLF_OK;
 }
 
-/* ---- Open and close -----------------------------------------------------------------------------
- */
+/* ---- Open and close ------------------------------------------------------------------------ */
 
 static slf_result read_all(slf_file *file, slf_error *error) {
   slf_result result = read_chunk_table(file, error);
@@ -437,8 +438,7 @@ void slf_close(slf_file *file) {
   free(file);
 }
 
-/* ---- What is in it ------------------------------------------------------------------------------
- */
+/* ---- What is in it ------------------------------------------------------------------------- */
 
 uint32_t slf_surface_count(const slf_file *file) {
   return file->surface_count;
@@ -464,8 +464,7 @@ uint64_t slf_file_nbytes(const slf_file *file) {
   return file->nbytes;
 }
 
-/* ---- Verify -------------------------------------------------------------------------------------
- */
+/* ---- Verify -------------------------------------------------------------------------------- */
 
 /* Every entry of a unit parses to its last block. */
 static slf_result verify_unit(const layer_state *layer, stream_kind kind, uint32_t unit,
@@ -476,13 +475,13 @@ static slf_result verify_unit(const layer_state *layer, stream_kind kind, uint32
   uint32_t number = 0;
   for (uint64_t place = 0; place < layer_place_count(layer); place++) {
     if (place % stream->run_places == 0) {
-      cursor.bit = stream_find(&stream->blocks,
-                               unit * stream->entries_per_unit + place / stream->run_places);
+      cursor.bit = layer->kernel->find(&stream->blocks, unit * stream->entries_per_unit +
+                                                            place / stream->run_places);
       entry_begin(&state);
       number = 0;
     }
     for (uint32_t i = 0; i < slice_count; i++)
-      if (!block_parse(stream->tables, &cursor, number++, i == 0, &state))
+      if (!layer->kernel->parse(stream->tables, &cursor, number++, i == 0, &state))
         return slf_fail(error, SLF_ERROR_FORMAT,
                         "%s: stream %d: block %" PRIu64 " of unit %u does not parse", name, kind,
                         place, unit);
@@ -497,7 +496,8 @@ static slf_result verify_layer(const slf_file *file, uint32_t surface_index, uin
   snprintf(name, sizeof name, "%s: surface %u, layer %u", file->name, surface_index, layer_index);
   slf_result result = SLF_OK;
   for (int kind = 0; kind < STREAM_COUNT && result == SLF_OK; kind++)
-    if (layer_has(layer, kind)) result = stream_check(&layer->streams[kind].blocks, name, error);
+    if (layer_has(layer, kind))
+      result = layer->kernel->check_stream(&layer->streams[kind].blocks, name, error);
   if (result == SLF_OK && layer_has(layer, STREAM_BASE))
     result = verify_unit(layer, STREAM_BASE, 0, 1, name, error);
   for (uint32_t i = 0; layer_has(layer, STREAM_KEYS) && result == SLF_OK &&

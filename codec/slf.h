@@ -51,7 +51,7 @@ typedef struct {
   char message[512]; /* one line, no newline at its end */
 } slf_error;
 
-/* ---- Geometry -------------------------------------------------------------------------------- */
+/* ---- Geometry ------------------------------------------------------------------------------ */
 
 /* A vertex of a surface's mesh. The frame is orthonormal (eq. 1 needs it):
  * D = s tangent_u + t tangent_v + n normal. Positions in scene units; u, v in [0,1]. */
@@ -76,7 +76,7 @@ enum {
   SLF_SURFACE_WATER = 4   /* the viewer may ripple it */
 };
 
-/* ---- Layers ---------------------------------------------------------------------------------- */
+/* ---- Layers -------------------------------------------------------------------------------- */
 
 /* What a layer holds. A surface's radiance is the sum of its layers of radiance. */
 typedef enum {
@@ -116,6 +116,7 @@ typedef struct {
   uint64_t payload_nbytes;   /* C-Blocks */
   uint64_t index_nbytes;     /* what finds them, tables included */
   float quality;             /* as asked of the encoder */
+  float psnr;                /* dB, of all codes; the peak is white (of HDR, radiance 1) */
   float height_unit;         /* of SLF_ROLE_HEIGHT, scene units; else 0 */
 } slf_layer;
 
@@ -135,9 +136,9 @@ typedef struct {
   float angle_deg; /* across the width of the image, POV-Ray's `angle`; in (0, 180) */
 } slf_view;
 
-/* ---- Directions (eq. 1) ----------------------------------------------------------------------- */
+/* ---- Directions (eq. 1) -------------------------------------------------------------------- */
 
-/* The baker sees slices that have less n from n = SLF_BAKED_N_MIN: see slf_direction. */
+/* Slices with less n are baked as seen from there: see slf_direction. */
 #define SLF_BAKED_N_MIN 0.02
 
 /* Whether slice (s_index, t_index) is stored: whether a four-tap mix at some (S,T) inside the unit
@@ -158,7 +159,7 @@ float slf_linear_from_srgb(uint8_t code);
 uint8_t slf_code_from_height(float height, float height_unit);
 float slf_height_from_code(uint8_t code, float height_unit);
 
-/* ---- Reading ----------------------------------------------------------------------------------- */
+/* ---- Reading ------------------------------------------------------------------------------- */
 
 typedef struct slf_file slf_file;
 
@@ -187,9 +188,9 @@ typedef struct {
   uint16_t block_u, block_v; /* block within the slice */
 } slf_block_address;
 
-/* Decompresses one block of a layer with SLF_CURVE_SRGB into SLF_BLOCK_NBYTES at u_block. Texels
- * beyond the edge of the slice repeat nothing in particular. Never fails: a damaged C-Block gives
- * some texels. No allocation. */
+/* Decompresses one block into SLF_BLOCK_NBYTES at u_block: sRGB codes (of
+ * SLF_CURVE_DWA, of the radiance clamped to [0,1]). Texels beyond the edge of the slice repeat nothing
+ * in particular. Never fails: a damaged C-Block gives some texels. No allocation. */
 void slf_decode_block(const slf_file *file, uint32_t surface_index, uint32_t layer_index,
                       slf_block_address address, uint8_t *u_block);
 
@@ -198,11 +199,15 @@ void slf_decode_block(const slf_file *file, uint32_t surface_index, uint32_t lay
 void slf_decode_blocks(const slf_file *file, uint32_t surface_index, uint32_t layer_index,
                        const slf_block_address *addresses, size_t count, uint8_t *const *u_blocks);
 
+/* One block as linear RGB, 64 x 3 floats at rgb; of SLF_CURVE_DWA radiance up to 65504. */
+void slf_decode_block_linear(const slf_file *file, uint32_t surface_index, uint32_t layer_index,
+                             slf_block_address address, float *rgb);
+
 /* Decodes one slice to linear RGB, v_count rows of u_count x 3 floats. */
 slf_result slf_decode_slice(const slf_file *file, uint32_t surface_index, uint32_t layer_index,
                             uint32_t s_index, uint32_t t_index, float *rgb, slf_error *error);
 
-/* ---- Writing ----------------------------------------------------------------------------------- */
+/* ---- Writing ------------------------------------------------------------------------------- */
 
 typedef struct slf_writer slf_writer;
 

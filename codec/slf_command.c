@@ -36,8 +36,7 @@ static int wrong_usage(const char *what, const char *word) {
   return EXIT_USAGE;
 }
 
-/* ---- info ---------------------------------------------------------------------------------------
- */
+/* ---- info ---------------------------------------------------------------------------------- */
 
 static const char *layer_role(const slf_layer *layer) {
   static const char *names[] = {"full", "own", "reflected", "height"};
@@ -97,8 +96,7 @@ static int info(int argc, char **argv) {
   return EXIT_SUCCESS;
 }
 
-/* ---- verify -------------------------------------------------------------------------------------
- */
+/* ---- verify -------------------------------------------------------------------------------- */
 
 static int verify(int argc, char **argv) {
   if (argc != 2) return wrong_usage("verify takes one file", NULL);
@@ -112,8 +110,7 @@ static int verify(int argc, char **argv) {
   return EXIT_SUCCESS;
 }
 
-/* ---- slice --------------------------------------------------------------------------------------
- */
+/* ---- slice --------------------------------------------------------------------------------- */
 
 /* A whole number below limit, or false. */
 static bool parse_count(const char *word, uint32_t limit, uint32_t *value) {
@@ -195,8 +192,7 @@ done:
   return status;
 }
 
-/* ---- main ---------------------------------------------------------------------------------------
- */
+/* ---- main ---------------------------------------------------------------------------------- */
 
 int main(int argc, char **argv) {
   static const struct {

@@ -4,98 +4,11 @@
 #include <inttypes.h>
 #include <stdlib.h>
 
-/* ---- Reading ------------------------------------------------------------------------------------
- */
-
-/* A segment: one byte low_bits, one byte high_nbytes, the low bits of the offsets of entries 1 ..,
- * packed from bit 0 up, filled to a byte; the high bits in unary, high_nbytes; then the payload. */
-typedef struct {
-  uint64_t begin; /* of the segment in the stream, in bytes */
-  uint32_t entry_count;
-  uint32_t low_bits, high_nbytes;
-} segment;
-
 static uint64_t bytes_for_bits(uint64_t bits) {
   return (bits + 7) / 8;
 }
 
-static uint32_t low_nbytes(const segment *s) {
-  return (uint32_t)bytes_for_bits((uint64_t)(s->entry_count - 1) * s->low_bits);
-}
-
-/* False if its head does not lie in the stream. */
-static bool find_segment(const block_stream *stream, uint64_t index, segment *s) {
-  uint64_t end = stream->nbytes - STREAM_PAD_NBYTES;
-  s->begin = get_u48(stream->bytes + index * DIRECTORY_ENTRY_NBYTES);
-  uint64_t entries_left = stream->entry_count - index * SEGMENT_ENTRIES;
-  s->entry_count = entries_left < SEGMENT_ENTRIES ? (uint32_t)entries_left : SEGMENT_ENTRIES;
-  if (s->begin > end || end - s->begin < 2) return false;
-  s->low_bits = stream->bytes[s->begin];
-  s->high_nbytes = stream->bytes[s->begin + 1];
-  return s->low_bits <= 32 && 2 + low_nbytes(s) + s->high_nbytes <= end - s->begin;
-}
-
-/* Position of the one-bit number `rank` (from 0) in nbytes of bits, or 8 * nbytes. Loads of 8 bytes
- * may run over the end by as much: the stream's padding is there for it. */
-static uint32_t select_bit(const uint8_t *bytes, uint32_t nbytes, uint32_t rank) {
-  for (uint32_t at = 0; at < nbytes; at += 8) {
-    uint64_t word = get_u64(bytes + at);
-    uint32_t ones = (uint32_t)__builtin_popcountll(word);
-    if (rank < ones) {
-      while (rank--) word &= word - 1;
-      return at * 8 + (uint32_t)__builtin_ctzll(word);
-    }
-    rank -= ones;
-  }
-  return nbytes * 8;
-}
-
-/* Offset in bits of entry i of a segment from the segment's payload. */
-static uint64_t entry_offset(const block_stream *stream, const segment *s, uint32_t i) {
-  if (i == 0) return 0;
-  const uint8_t *low = stream->bytes + s->begin + 2, *high = low + low_nbytes(s);
-  uint64_t low_at = (uint64_t)(i - 1) * s->low_bits;
-  uint64_t low_value = get_u64(low + low_at / 8) >> (low_at % 8) & ((1ull << s->low_bits) - 1);
-  uint64_t high_value = select_bit(high, s->high_nbytes, i - 1) - (i - 1);
-  return high_value << s->low_bits | low_value;
-}
-
-uint64_t stream_find(const block_stream *stream, uint64_t entry) {
-  segment s;
-  uint64_t end_bit = (stream->nbytes - STREAM_PAD_NBYTES) * 8;
-  if (!find_segment(stream, entry / SEGMENT_ENTRIES, &s)) return end_bit;
-  uint64_t payload = s.begin + 2 + low_nbytes(&s) + s.high_nbytes;
-  uint64_t bit = payload * 8 + entry_offset(stream, &s, entry % SEGMENT_ENTRIES);
-  return bit < end_bit ? bit : end_bit;
-}
-
-slf_result stream_check(const block_stream *stream, const char *name, slf_error *error) {
-  uint64_t segment_count = stream_segment_count(stream->entry_count);
-  uint64_t end = stream->nbytes - STREAM_PAD_NBYTES;
-  uint64_t expected = segment_count * DIRECTORY_ENTRY_NBYTES;
-  for (uint64_t index = 0; index < segment_count; index++) {
-    segment s;
-    bool inside = find_segment(stream, index, &s);
-    if (!inside || s.begin < expected)
-      return slf_fail(error, SLF_ERROR_FORMAT,
-                      "%s: segment %" PRIu64 " begins at byte %" PRIu64 " of %" PRIu64, name, index,
-                      s.begin, end);
-    uint64_t payload = s.begin + 2 + low_nbytes(&s) + s.high_nbytes, previous = 0;
-    for (uint32_t i = 0; i < s.entry_count; i++) {
-      uint64_t offset = entry_offset(stream, &s, i);
-      if (offset < previous || payload + offset / 8 > end)
-        return slf_fail(error, SLF_ERROR_FORMAT,
-                        "%s: entry %u of segment %" PRIu64 " lies at bit %" PRIu64, name, i, index,
-                        offset);
-      previous = offset;
-    }
-    expected = payload + previous / 8;
-  }
-  return SLF_OK;
-}
-
-/* ---- Writing ------------------------------------------------------------------------------------
- */
+/* ---- Writing ------------------------------------------------------------------------------- */
 
 /* Makes room for so many bits more, and zeroes it. */
 static bool reserve(bit_string *bits, uint64_t more) {
@@ -152,25 +65,24 @@ static void set_bits(uint8_t *bytes, uint64_t at, uint64_t value, unsigned count
 static void end_segment(stream_writer *writer) {
   uint32_t n = (uint32_t)((writer->entry_count - 1) % SEGMENT_ENTRIES) + 1;
   uint64_t last = writer->offsets[n - 1];
-  segment s = {.entry_count = n};
+  uint32_t low_bits = 0;
   /* Elias and Fano: as many low bits as the mean gap has; the high bits then take at most 3 each.
    */
-  while (last >> s.low_bits > 2 * (uint64_t)n) s.low_bits++;
-  uint32_t low_size = low_nbytes(&s);
-  s.high_nbytes = n > 1 ? (uint32_t)bytes_for_bits((last >> s.low_bits) + n - 1) : 0;
+  while (last >> low_bits > 2 * (uint64_t)n) low_bits++;
+  uint32_t low_size = (uint32_t)bytes_for_bits((uint64_t)(n - 1) * low_bits);
+  uint32_t high_nbytes = n > 1 ? (uint32_t)bytes_for_bits((last >> low_bits) + n - 1) : 0;
 
-  uint8_t head[2 + SEGMENT_ENTRIES * 4 + SEGMENT_ENTRIES] = {(uint8_t)s.low_bits,
-                                                             (uint8_t)s.high_nbytes};
+  uint8_t head[2 + SEGMENT_ENTRIES * 4 + SEGMENT_ENTRIES] = {(uint8_t)low_bits,
+                                                             (uint8_t)high_nbytes};
   for (uint32_t i = 1; i < n; i++) {
     uint64_t offset = writer->offsets[i];
-    set_bits(head + 2, (uint64_t)(i - 1) * s.low_bits, offset, s.low_bits);
-    set_bits(head + 2 + low_size, (offset >> s.low_bits) + i - 1, 1, 1);
+    set_bits(head + 2, (uint64_t)(i - 1) * low_bits, offset, low_bits);
+    set_bits(head + 2 + low_size, (offset >> low_bits) + i - 1, 1, 1);
   }
   uint64_t begin = writer->segments.bit_count / 8;
   bits_put(&writer->directory, (uint32_t)(begin >> 16), 32);
   bits_put(&writer->directory, (uint32_t)(begin & 0xffff), 16);
-  for (uint32_t i = 0; i < 2 + low_size + s.high_nbytes; i++)
-    bits_put(&writer->segments, head[i], 8);
+  for (uint32_t i = 0; i < 2 + low_size + high_nbytes; i++) bits_put(&writer->segments, head[i], 8);
   bits_append(&writer->segments, &writer->segment);
   align_to_byte(&writer->segments);
   if (writer->segment.bytes) memset(writer->segment.bytes, 0, writer->segment.capacity_nbytes);

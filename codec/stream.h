@@ -20,13 +20,6 @@ typedef struct {
   uint64_t entry_count;
 } block_stream;
 
-/* The bit, counted from stream->bytes, at which entry `entry` (< entry_count) begins; always below
- * 8 * (nbytes - STREAM_PAD_NBYTES + 1), whatever the bytes. */
-uint64_t stream_find(const block_stream *stream, uint64_t entry);
-
-/* Checks that the directory and every segment's offsets lie inside and in order. */
-slf_result stream_check(const block_stream *stream, const char *name, slf_error *error);
-
 static inline uint64_t stream_segment_count(uint64_t entry_count) {
   return (entry_count + SEGMENT_ENTRIES - 1) / SEGMENT_ENTRIES;
 }

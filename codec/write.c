@@ -32,8 +32,7 @@ struct slf_writer {
   uint32_t chunk_count;
 };
 
-/* ---- Begin and end ------------------------------------------------------------------------------
- */
+/* ---- Begin and end ------------------------------------------------------------------------- */
 
 static void writer_free(slf_writer *writer) {
   for (uint32_t i = 0; i < writer->chunk_count; i++) free(writer->chunks[i].bytes);
@@ -74,8 +73,7 @@ void slf_writer_abort(slf_writer *writer) {
   writer_free(writer);
 }
 
-/* ---- Adding -------------------------------------------------------------------------------------
- */
+/* ---- Adding -------------------------------------------------------------------------------- */
 
 static slf_result no_memory(const slf_writer *writer, slf_error *error) {
   return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", writer->path);
@@ -216,8 +214,7 @@ slf_result slf_writer_add_layer(slf_writer *writer, const slf_layer_options *opt
   return result;
 }
 
-/* ---- Writing out --------------------------------------------------------------------------------
- */
+/* ---- Writing out --------------------------------------------------------------------------- */
 
 static slf_result add_scene(slf_writer *writer, slf_error *error) {
   uint64_t nbytes = 20 + (uint64_t)writer->view_count * VIEW_NBYTES +

@@ -8,21 +8,27 @@ TEST_LIBS = -lcmocka $(shell pkg-config --libs libpng libjpeg OpenEXR) -lm -ldl
 
 $(UNIT_SUITES): $(OUT)/tests/%: $(OBJ)/tests/%.o $(VIEWER_CORE_OBJECTS) $(LIBSLF) | $(CHECK_DEPS)
 	@mkdir -p $(@D)
-	$(CC) -o $@ $(filter %.o %.a,$^) $(ALL_LDFLAGS) $(TEST_LIBS)
+	$(call say,link,$@)$(CC) -o $@ $(filter %.o %.a,$^) $(ALL_LDFLAGS) $(TEST_LIBS)
 $(UNIT_SOURCES:%.c=$(OBJ)/%.o): PKG_CFLAGS = $(shell pkg-config --cflags OpenEXR libpng cmocka)
 $(UNIT_SOURCES:%.c=$(OBJ)/%.o): | $(CHECK_DEPS)
 
 # What the image suites measure with.
 build/tests/images/compare: build/obj/tests/images/compare.o
 	@mkdir -p $(@D)
-	$(CC) -o $@ $^ $(ALL_LDFLAGS) $(shell pkg-config --libs libpng) -lm
+	$(call say,link,$@)$(CC) -o $@ $^ $(ALL_LDFLAGS) $(shell pkg-config --libs libpng) -lm
+
+# The viewer's ripples as a mesh for POV-Ray.
+build/tests/pond/water_mesh: build/obj/tests/pond/water_mesh.o $(VIEWER_CORE_OBJECTS) $(LIBSLF)
+	@mkdir -p $(@D)
+	$(call say,link,$@)$(CC) -o $@ $^ $(ALL_LDFLAGS) -lm
 
 # Small bakes that still mean something. The dull floor takes more rays than a preview: its facets
 # are noise that only rays average out.
 .PHONY: check-bakes
 check-bakes: all
-	$(MAKE) bake SCENE=floor NAME=check-floor RAYS=49
-	$(MAKE) bake SCENE=floor NAME=check-floor-mirror DECLARE=Mirror=1
+	$(MAKE) bake SCENE=floor NAME=check-floor RAYS=25
+	$(MAKE) bake SCENE=floor NAME=check-floor-mirror QUALITY=paper RAYS=1 DECLARE="Mirror=1 Directions=32"
+	$(MAKE) bake SCENE=pond NAME=check-pond RAYS=1
 
 .PHONY: unit-suites format
 unit-suites: $(UNIT_SUITES)
@@ -32,7 +38,7 @@ build/clang.ok: $(wildcard codec/*.[ch] bake/*.[ch] viewer/*.[ch] tests/*/*.[ch]
 	$(MAKE) CC=clang CONFIG=debug all unit-suites
 	@touch $@
 
-check: all unit-suites build/clang.ok build/tests/images/compare check-bakes | $(CHECK_DEPS) ## Run all the tests, installing what they need
+check: all unit-suites build/clang.ok build/tests/images/compare build/tests/pond/water_mesh check-bakes | $(CHECK_DEPS) ## Run all the tests, installing what they need
 	$(MAKE) CONFIG=asan all unit-suites
 	@tests/run build/tap $(UNIT_SUITES) $(UNIT_SUITES:build/%=build/asan/%) $(SHELL_SUITES)
 

@@ -11,7 +11,7 @@ enum { PINNED_COUNT = 2 * BLOCK_MAX_SLICES };
 typedef struct {
   uint64_t key;
   uint32_t slot;
-  uint32_t used; /* since the clock's hand passed */
+  uint32_t stamp; /* the fetch that returned it last, or 0: the clock's hand has passed since */
 } table_entry;
 
 static const uint64_t no_key = UINT64_MAX;
@@ -34,12 +34,8 @@ struct block_cache {
   table_entry *table; /* open addressing, linear probing */
   uint64_t table_mask;
   size_t hand;
-  /* The slots of the two latest fetches. */
-  uint32_t pinned[2][BLOCK_MAX_SLICES];
-  size_t pinned_count[2];
-  int latest;
-  uint32_t *slot_pins; /* in how many of the two fetches a slot is */
-  size_t pinned_slots; /* slots with any */
+  uint32_t stamp;      /* of the latest fetch */
+  size_t latest_count; /* its blocks: pinned while the next fetch runs */
   cached_layer *layers;
   uint32_t *first_layer; /* of each surface */
   uint32_t layer_count;
@@ -87,27 +83,24 @@ static void evict_one(block_cache *cache) {
   for (;;) {
     uint32_t slot = (uint32_t)cache->hand;
     cache->hand = cache->hand + 1 < cache->slot_count ? cache->hand + 1 : 0;
-    if (cache->slot_keys[slot] == no_key || cache->slot_pins[slot]) continue;
+    if (cache->slot_keys[slot] == no_key) continue;
     table_entry *entry = &cache->table[find_entry(cache, cache->slot_keys[slot])];
-    if (!entry->used) {
+    if (entry->stamp == 0) {
       evict_slot(cache, slot);
       return;
     }
-    entry->used = 0;
+    if (entry->stamp < cache->stamp - 1) entry->stamp = 0;
   }
 }
 
-static void pin(block_cache *cache, uint32_t slot) {
-  cache->pinned_slots += cache->slot_pins[slot]++ == 0;
-}
-
-/* Releases the older of the two pinned sets and evicts what the capacity does not hold. */
-static void release_oldest(block_cache *cache) {
-  int oldest = 1 - cache->latest;
-  for (size_t i = 0; i < cache->pinned_count[oldest]; i++)
-    cache->pinned_slots -= --cache->slot_pins[cache->pinned[oldest][i]] == 0;
-  cache->pinned_count[oldest] = 0;
-  while (cache->resident - cache->pinned_slots > cache->capacity) evict_one(cache);
+/* Evicts what the capacity does not hold, but nothing of the fetch before this one. */
+static void begin_fetch(block_cache *cache, size_t count) {
+  if (++cache->stamp == UINT32_MAX) { /* once in 2^32 fetches: all are old, none is forgotten */
+    for (uint64_t i = 0; i <= cache->table_mask; i++) cache->table[i].stamp = 1;
+    cache->stamp = 4;
+  }
+  while (cache->resident > cache->capacity + cache->latest_count) evict_one(cache);
+  cache->latest_count = count;
 }
 
 static void fetch_blocks(void *context, uint32_t block_u, uint32_t block_v,
@@ -120,9 +113,7 @@ static void fetch_blocks(void *context, uint32_t block_u, uint32_t block_v,
   uint64_t base = layer->key_base | ((uint64_t)block_v * layer->block_u_count + block_u) << 16;
   assert(count <= BLOCK_MAX_SLICES);
 
-  release_oldest(cache);
-  cache->latest = 1 - cache->latest;
-  uint32_t *pinned = cache->pinned[cache->latest];
+  begin_fetch(cache, count);
   for (size_t i = 0; i < count; i++) {
     uint64_t key = base | slices[i];
     table_entry *entry = &cache->table[find_entry(cache, key)];
@@ -138,12 +129,9 @@ static void fetch_blocks(void *context, uint32_t block_u, uint32_t block_v,
                                                    .block_v = (uint16_t)block_v};
       targets[missing_count++] = cache->u_blocks + (size_t)slot * SLF_BLOCK_NBYTES;
     }
-    entry->used = 1;
-    pinned[i] = entry->slot;
-    pin(cache, entry->slot);
+    entry->stamp = cache->stamp;
     u_blocks[i] = cache->u_blocks + (size_t)entry->slot * SLF_BLOCK_NBYTES;
   }
-  cache->pinned_count[cache->latest] = count;
   cache->counts.lookups += count;
   cache->counts.frame_lookups += count;
   cache->counts.hits += count - missing_count;
@@ -157,12 +145,11 @@ void block_cache_clear(block_cache *cache) {
   cache->free_count = 0;
   for (size_t i = 0; i < cache->slot_count; i++) {
     cache->slot_keys[i] = no_key;
-    cache->slot_pins[i] = 0;
     cache->free_slots[cache->free_count++] = (uint32_t)(cache->slot_count - 1 - i);
   }
   for (uint64_t i = 0; i <= cache->table_mask; i++) cache->table[i].key = no_key;
-  cache->pinned_count[0] = cache->pinned_count[1] = 0;
-  cache->pinned_slots = cache->resident = cache->hand = 0;
+  cache->latest_count = cache->resident = cache->hand = 0;
+  cache->stamp = 1;
 }
 
 static bool number_layers(block_cache *cache) {
@@ -201,11 +188,10 @@ block_cache *block_cache_create(const slf_file *file, size_t capacity) {
   cache->u_blocks = aligned_alloc(64, cache->slot_count * SLF_BLOCK_NBYTES);
   cache->slot_keys = malloc(cache->slot_count * sizeof *cache->slot_keys);
   cache->slot_frames = malloc(cache->slot_count * sizeof *cache->slot_frames);
-  cache->slot_pins = malloc(cache->slot_count * sizeof *cache->slot_pins);
   cache->free_slots = malloc(cache->slot_count * sizeof *cache->free_slots);
   cache->table = aligned_alloc(64, table_count * sizeof *cache->table);
-  if (!cache->u_blocks || !cache->slot_keys || !cache->slot_frames || !cache->slot_pins ||
-      !cache->free_slots || !cache->table || !number_layers(cache)) {
+  if (!cache->u_blocks || !cache->slot_keys || !cache->slot_frames || !cache->free_slots ||
+      !cache->table || !number_layers(cache)) {
     block_cache_free(cache);
     return NULL;
   }
@@ -218,7 +204,6 @@ void block_cache_free(block_cache *cache) {
   free(cache->u_blocks);
   free(cache->slot_keys);
   free(cache->slot_frames);
-  free(cache->slot_pins);
   free(cache->free_slots);
   free(cache->table);
   free(cache->layers);
@@ -247,9 +232,8 @@ size_t block_cache_resident(const block_cache *cache) {
 
 size_t block_cache_nbytes(const block_cache *cache) {
   return sizeof *cache +
-         cache->slot_count *
-             (SLF_BLOCK_NBYTES + sizeof *cache->slot_keys + sizeof *cache->slot_frames +
-              sizeof *cache->slot_pins + sizeof *cache->free_slots) +
+         cache->slot_count * (SLF_BLOCK_NBYTES + sizeof *cache->slot_keys +
+                              sizeof *cache->slot_frames + sizeof *cache->free_slots) +
          (cache->table_mask + 1) * sizeof *cache->table;
 }
 

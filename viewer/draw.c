@@ -472,6 +472,10 @@ water *drawing_water(drawing *d, uint32_t surface_index) {
   return surface_index < d->surface_count ? d->surfaces[surface_index].water : NULL;
 }
 
+const slf_file *drawing_file(const drawing *d) {
+  return d->file;
+}
+
 block_cache *drawing_cache(drawing *d) {
   return d->cache;
 }

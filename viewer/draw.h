@@ -35,6 +35,7 @@ void drawing_read(drawing *d, uint8_t *rgba);
 void drawing_show(drawing *d, int width_px, int height_px);
 
 block_cache *drawing_cache(drawing *d);
+const slf_file *drawing_file(const drawing *d);
 
 /* The water of a surface, moved and disturbed through water.h; NULL where the file marks none. */
 water *drawing_water(drawing *d, uint32_t surface_index);

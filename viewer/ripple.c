@@ -617,6 +617,10 @@ bool ripple_rain(ripple *pond, float drops_per_s, float radius, float height, ui
   return true;
 }
 
+bool ripple_is_raining(const ripple *pond) {
+  return pond->rain_per_step > 0;
+}
+
 /* ---- Obstacles ---------------------------------------------------------------------------------
  */
 

@@ -120,6 +120,7 @@ bool ripple_move_ball(ripple *pond, ripple_ball from, ripple_ball to, float radi
 /* Rain: drops at random places, `drops_per_s` on average (Poisson, per step), until called with 0.
  * The same seed gives the same rain. */
 bool ripple_rain(ripple *pond, float drops_per_s, float radius, float height, uint64_t seed);
+bool ripple_is_raining(const ripple *pond);
 
 /* Cells where closed (v_count rows of u_count) is not 0 hold no water from now on: obstacles, that
  * reflect. At least one cell stays open, else it is refused. */

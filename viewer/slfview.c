@@ -18,6 +18,9 @@ static const char help[] =
     "\n"
     "Shows a surface light field. In the window: drag with the left button to orbit, with the\n"
     "right one to look around, the wheel approaches, W A S D Q E walk, R resets, Escape ends.\n"
+    "On water the left button disturbs it; with shift it pushes a ball through it. Space pauses\n"
+    "the water, . is one step, X levels it, [ ] change the speed of waves and - = their damping,\n"
+    "F is Fresnel, N shows flat beside rippled, then slopes, P is rain.\n"
     "\n"
     "  --output FILE.png   write a picture instead of opening a window\n"
     "  --size WxH          pixels (default 640x480)\n"
@@ -31,6 +34,9 @@ static const char help[] =
     "  --ripple-script FILE\n"
     "                      disturb the water as the file says (viewer/ripple_script.h); a picture\n"
     "                      shows it at the script's end\n"
+    "  --water LOOK        rippled (default), split: the half with u < 0.5 stays flat, or "
+    "normals:\n"
+    "                      red and green are the slopes along u and v, 0.5 for none\n"
     "  --fresnel           water over a tinted bottom instead of a pure mirror\n"
     "  --frames N          N pictures of moving water; the name in --output then holds a %d or\n"
     "                      %04d, which becomes 0 to N-1\n"
@@ -56,6 +62,7 @@ typedef struct {
   int width_px, height_px, samples, frame_count; /* frame_count 0: one picture, at the end */
   double frames_per_s;
   bool fresnel;
+  water_display display;
   int backend;
   drawing_options drawing;
 } options;
@@ -123,6 +130,7 @@ static int read_options(int argc, char **argv, options *o) {
     MASK,
     DICE,
     RIPPLES,
+    WATER,
     FRESNEL,
     FRAMES,
     FPS,
@@ -137,6 +145,7 @@ static int read_options(int argc, char **argv, options *o) {
                                         {"samples", required_argument, NULL, SAMPLES},
                                         {"mask", required_argument, NULL, MASK},
                                         {"ripple-script", required_argument, NULL, RIPPLES},
+                                        {"water", required_argument, NULL, WATER},
                                         {"fresnel", no_argument, NULL, FRESNEL},
                                         {"frames", required_argument, NULL, FRAMES},
                                         {"fps", required_argument, NULL, FPS},
@@ -166,6 +175,12 @@ static int read_options(int argc, char **argv, options *o) {
       break;
     case RIPPLES:
       o->ripple_script = optarg;
+      break;
+    case WATER:
+      for (count = 0; count < WATER_DISPLAY_COUNT; count++)
+        if (!strcmp(optarg, water_display_names[count])) break;
+      if (count == WATER_DISPLAY_COUNT) return misuse("water", optarg, "rippled, split or normals");
+      o->display = (water_display)count;
       break;
     case FRESNEL:
       o->fresnel = true;
@@ -334,9 +349,10 @@ static slf_result prepare_water(const options *o, const slf_file *file, drawing 
     if (!w) continue;
     w->script = script;
     w->fresnel = o->fresnel;
+    w->display = o->display;
     found = true;
   }
-  if (found || !(script || o->fresnel)) return SLF_OK;
+  if (found || !(script || o->fresnel || o->display)) return SLF_OK;
   snprintf(error->message, sizeof error->message, "%.256s: none of its surfaces is water", o->path);
   return SLF_ERROR_ARGUMENT;
 }

@@ -4,6 +4,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
 static float dot(const float a[3], const float b[3]) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
@@ -53,39 +57,67 @@ static void find_visible(texture *x, const camera *c) {
   }
 }
 
+static direction_plane plane_of(const texture *x, const uv_triangle *triangle, float left,
+                                float top) {
+  const uint32_t *v = triangle->vertex;
+  const float *m = triangle->m, s0 = x->s[v[0]], t0 = x->t[v[0]];
+  float s1 = x->s[v[1]] - s0, s2 = x->s[v[2]] - s0, t1 = x->t[v[1]] - t0, t2 = x->t[v[2]] - t0;
+  direction_plane p = {.s_u = s1 * m[0] + s2 * m[2],
+                       .s_v = s1 * m[1] + s2 * m[3],
+                       .t_u = t1 * m[0] + t2 * m[2],
+                       .t_v = t1 * m[1] + t2 * m[3]};
+  p.s = s0 + p.s_u * (left - triangle->x0) + p.s_v * (top - triangle->y0);
+  p.t = t0 + p.t_u * (left - triangle->x0) + p.t_v * (top - triangle->y0);
+  return p;
+}
+
+static void fill_plain(const direction_plane *p, uint64_t mask, block_directions *d) {
+  for (int k = 0; k < 64; k++) {
+    float column = (float)(k % 8), row = (float)(k / 8);
+    if (!(mask >> k & 1)) continue;
+    d->s[k] = p->s + p->s_v * row + p->s_u * column;
+    d->t[k] = p->t + p->t_v * row + p->t_u * column;
+  }
+}
+
+#if defined(__x86_64__)
+__attribute__((target("avx2"))) static void fill_avx2(const direction_plane *p, uint64_t mask,
+                                                      block_directions *d) {
+  const __m256i bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+  const __m256 columns = _mm256_setr_ps(0, 1, 2, 3, 4, 5, 6, 7);
+  __m256 s_u = _mm256_mul_ps(_mm256_set1_ps(p->s_u), columns);
+  __m256 t_u = _mm256_mul_ps(_mm256_set1_ps(p->t_u), columns);
+  for (int row = 0; row < 8; row++, mask >>= 8) {
+    if ((mask & 0xff) == 0) continue;
+    float *s = d->s + 8 * row, *t = d->t + 8 * row;
+    __m256 s_row = _mm256_add_ps(_mm256_set1_ps(p->s + p->s_v * (float)row), s_u);
+    __m256 t_row = _mm256_add_ps(_mm256_set1_ps(p->t + p->t_v * (float)row), t_u);
+    __m256i covered = _mm256_and_si256(_mm256_set1_epi32((int)(mask & 0xff)), bits);
+    __m256 here = _mm256_castsi256_ps(_mm256_cmpeq_epi32(covered, bits));
+    _mm256_storeu_ps(s, _mm256_blendv_ps(_mm256_loadu_ps(s), s_row, here));
+    _mm256_storeu_ps(t, _mm256_blendv_ps(_mm256_loadu_ps(t), t_row, here));
+  }
+}
+#endif
+
 /* Interpolates (S,T) over the texels of a block from the triangles that cover them. False if none
  * of the triangles that touch it shows. */
-static bool block_view_directions(const texture *x, size_t block, block_directions *d) {
+static bool block_view_directions(const texture *x, uint32_t block_u, uint32_t block_v,
+                                  block_directions *d) {
   const uv_mesh *mesh = &x->mesh;
-  float left = (float)(block % mesh->block_u_count * 8) + 0.5f;
-  float top = (float)(block / mesh->block_u_count * 8) + 0.5f;
+  size_t block = (size_t)block_v * mesh->block_u_count + block_u;
+  const uv_cover *cover = mesh->covers + mesh->cover_start[block];
+  const uv_cover *end = mesh->covers + mesh->cover_start[block + 1];
   bool shows = false;
   d->mask = 0;
-  for (uint32_t i = mesh->cover_start[block]; i < mesh->cover_start[block + 1]; i++)
-    shows |= x->visible[mesh->triangles[mesh->covers[i].triangle].parent];
+  for (const uv_cover *i = cover; i < end; i++)
+    shows |= x->visible[mesh->triangles[i->triangle].parent];
   if (!shows) return false;
-  for (uint32_t i = mesh->cover_start[block]; i < mesh->cover_start[block + 1]; i++) {
-    const uv_cover *cover = &mesh->covers[i];
+  for (; cover < end; cover++) {
     if (cover->mask == 0) continue;
-    const uv_triangle *t = &mesh->triangles[cover->triangle];
-    const uint32_t *v = t->vertex;
-    float s0 = x->s[v[0]], s1 = x->s[v[1]] - s0, s2 = x->s[v[2]] - s0;
-    float t0 = x->t[v[0]], t1 = x->t[v[1]] - t0, t2 = x->t[v[2]] - t0;
-    float s_u = s1 * t->m[0] + s2 * t->m[2], s_v = s1 * t->m[1] + s2 * t->m[3];
-    float t_u = t1 * t->m[0] + t2 * t->m[2], t_v = t1 * t->m[1] + t2 * t->m[3];
-    s0 += s_u * (left - t->x0) + s_v * (top - t->y0);
-    t0 += t_u * (left - t->x0) + t_v * (top - t->y0);
-    for (int row = 0; row < 8; row++) {
-      uint32_t covered = cover->mask >> (8 * row) & 0xff;
-      if (covered == 0) continue;
-      for (uint32_t column = 0; column < 8; column++) {
-        float s = s0 + s_u * (float)column + s_v * (float)row;
-        float tt = t0 + t_u * (float)column + t_v * (float)row;
-        bool here = covered & 1u << column;
-        d->s[8 * row + column] = here ? s : d->s[8 * row + column];
-        d->t[8 * row + column] = here ? tt : d->t[8 * row + column];
-      }
-    }
+    direction_plane p = plane_of(x, &mesh->triangles[cover->triangle], (float)(8 * block_u) + 0.5f,
+                                 (float)(8 * block_v) + 0.5f);
+    x->fill(&p, cover->mask, d);
     d->mask |= cover->mask;
   }
   return true;
@@ -125,7 +157,7 @@ void texture_update(texture *x, const camera *c, direction_bend bend) {
   for (uint32_t block_v = 0; block_v < mesh->block_v_count; block_v++)
     for (uint32_t block_u = 0; block_u < mesh->block_u_count; block_u++) {
       size_t block = (size_t)block_v * mesh->block_u_count + block_u;
-      bool shows = block_view_directions(x, block, &d);
+      bool shows = block_view_directions(x, block_u, block_v, &d);
       if (shows) {
         if (bend.bend) bend.bend(bend.context, block_u, block_v, &d);
         uint16_t *texels = block_texels(x, block_u, block_v);
@@ -168,6 +200,14 @@ static bool create_levels(texture *x) {
   }
 }
 
+void texture_use_kernel(texture *x, resample_kernel kernel) {
+  resampler_use_kernel(x->resampler, kernel);
+  x->fill = fill_plain;
+#if defined(__x86_64__)
+  if (kernel == RESAMPLE_BEST && __builtin_cpu_supports("avx2")) x->fill = fill_avx2;
+#endif
+}
+
 bool texture_create(texture *x, const slf_mesh *mesh, const slf_layer *layer, block_source source,
                     uint32_t dice_px) {
   memset(x, 0, sizeof *x);
@@ -180,8 +220,10 @@ bool texture_create(texture *x, const slf_mesh *mesh, const slf_layer *layer, bl
   x->t = malloc((x->mesh.vertex_count + (size_t)1) * sizeof *x->t);
   x->outside = malloc(mesh->vertex_count + (size_t)1);
   x->visible = malloc(mesh->triangle_count + (size_t)1);
-  if (x->resampler && x->made && x->s && x->t && x->outside && x->visible && create_levels(x))
+  if (x->resampler && x->made && x->s && x->t && x->outside && x->visible && create_levels(x)) {
+    texture_use_kernel(x, RESAMPLE_BEST);
     return true;
+  }
   texture_free(x);
   return false;
 }

@@ -16,6 +16,11 @@
 #include "resample.h"
 #include "uv_mesh.h"
 
+/* (S,T) over a block's texels, linear in column and row. */
+typedef struct {
+  float s, s_u, s_v, t, t_u, t_v;
+} direction_plane;
+
 /* Changes the directions of a block of texels before they are mixed: ripples on water. Directions
  * come in as the camera sees the texels. May be NULL. */
 typedef struct {
@@ -38,6 +43,8 @@ typedef struct {
   float *s, *t;     /* of each diced vertex; not confined to the circle, see view_direction */
   uint8_t *outside; /* of each vertex of surface_mesh */
   uint8_t *visible; /* of each triangle of surface_mesh */
+  /* Sets the texels of mask to the plane. */
+  void (*fill)(const direction_plane *plane, uint64_t mask, block_directions *directions);
 } texture;
 
 /* dice_px: UV_DICE_PX, or another limit. The mesh and the source must outlive the texture. False if
@@ -45,6 +52,9 @@ typedef struct {
 bool texture_create(texture *x, const slf_mesh *mesh, const slf_layer *layer, block_source source,
                     uint32_t dice_px);
 void texture_free(texture *x);
+
+/* Plain C or vector code, the same bytes. */
+void texture_use_kernel(texture *x, resample_kernel kernel);
 
 /* Makes the texels that camera `c` sees, of level 0. */
 void texture_update(texture *x, const camera *c, direction_bend bend);

@@ -3,7 +3,7 @@
 VIEWER_CORE_OBJECTS := $(addprefix $(OBJ)/viewer/,uv_mesh.o block_cache.o resample.o depth_mix.o texture.o mipmap.o \
   camera.o ripple.o ripple_script.o water.o pick.o)
 VIEWER_OBJECTS := $(VIEWER_CORE_OBJECTS) $(addprefix $(OBJ)/viewer/,gl_api.o context.o context_egl.o \
-  context_osmesa.o draw.o image.o window.o slfview.o)
+  context_osmesa.o draw.o image.o window.o water_input.o slfview.o)
 
 # sqrtf becomes a vector instruction when it need not set errno, a conditional division a blend when
 # it need not trap. Neither changes a value.
@@ -14,11 +14,11 @@ $(OBJ)/viewer/context_egl.o: PKG_CFLAGS = $(shell pkg-config --cflags egl)
 $(OBJ)/viewer/context_osmesa.o: PKG_CFLAGS = $(shell pkg-config --cflags osmesa)
 
 $(OUT)/slfview: $(VIEWER_OBJECTS) $(LIBSLF)
-	$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lpng -ldl -lm -o $@.part && mv $@.part $@
+	$(call say,link,$@)$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lpng -ldl -lm -o $@.part && mv $@.part $@
 
 all: $(OUT)/slfview
 
 # Programs of tests/bench: they link what the unit tests link.
 $(OUT)/bench/%: $(OBJ)/tests/bench/%.o $(VIEWER_CORE_OBJECTS) $(LIBSLF)
 	@mkdir -p $(@D)
-	$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lm -o $@
+	$(call say,link,$@)$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lm -o $@

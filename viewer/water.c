@@ -7,17 +7,14 @@
 
 #include "viewer/half.h"
 
+const char *const water_display_names[WATER_DISPLAY_COUNT] = {"rippled", "split", "normals"};
+
 static float dot(const float a[3], const float b[3]) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
 /* ---- The rectangle -----------------------------------------------------------------------------
  */
-
-typedef struct {
-  float corner[3], along_u[3], along_v[3], normal[3]; /* along_u, along_v have length 1 */
-  float u_length, v_length;
-} rectangle;
 
 /* The vertex whose a u + b v is largest. */
 static const slf_vertex *extreme_vertex(const slf_mesh *mesh, float a, float b) {
@@ -31,7 +28,7 @@ static const slf_vertex *extreme_vertex(const slf_mesh *mesh, float a, float b) 
 
 /* P(u,v) = corner + u u_length along_u + v v_length along_v, if that holds at every vertex within
  * 1e-3 of the rectangle's size, which moves no reflection by a texel. */
-static bool find_rectangle(const slf_mesh *mesh, rectangle *r) {
+static bool find_rectangle(const slf_mesh *mesh, water_rectangle *r) {
   if (mesh->vertex_count < 3) return false;
   const slf_vertex *p = extreme_vertex(mesh, -1, -1), *right = extreme_vertex(mesh, 1, -1),
                    *down = extreme_vertex(mesh, -1, 1);
@@ -72,7 +69,7 @@ static bool find_rectangle(const slf_mesh *mesh, rectangle *r) {
  */
 
 /* A point's (u, v), and its height over the water. */
-static void place(const rectangle *r, const float point[3], float at[3]) {
+static void place(const water_rectangle *r, const float point[3], float at[3]) {
   float d[3];
   for (int k = 0; k < 3; k++) d[k] = point[k] - r->corner[k];
   at[0] = dot(d, r->along_u) / r->u_length;
@@ -82,7 +79,7 @@ static void place(const rectangle *r, const float point[3], float at[3]) {
 
 /* Where the segment in which a triangle meets the water ends, as (u, v); false if it does not. The
  * cut is made 1/1000 of the pond above it, so that a column that stands on the floor is found. */
-static bool waterline(const rectangle *r, const slf_mesh *mesh, const uint32_t *triangle,
+static bool waterline(const water_rectangle *r, const slf_mesh *mesh, const uint32_t *triangle,
                       float ends[2][2]) {
   float at[3][3];
   int count = 0;
@@ -104,7 +101,7 @@ static bool waterline(const rectangle *r, const slf_mesh *mesh, const uint32_t *
 /* Fills a surface's cross-section by parity along each row of cells: `flips` counts the waterlines
  * passed at each cell. A row with an odd number belongs to a surface that is not closed, such as
  * a wall, and stays water. */
-static void close_cross_section(const rectangle *r, const slf_mesh *mesh, uint32_t u_count,
+static void close_cross_section(const water_rectangle *r, const slf_mesh *mesh, uint32_t u_count,
                                 uint32_t v_count, uint16_t *flips, uint8_t *closed) {
   memset(flips, 0, (size_t)v_count * (u_count + 1) * sizeof *flips);
   for (uint32_t i = 0; i < mesh->triangle_count; i++) {
@@ -132,7 +129,7 @@ static void close_cross_section(const rectangle *r, const slf_mesh *mesh, uint32
   }
 }
 
-static bool add_obstacles(const slf_file *file, uint32_t water_index, const rectangle *r,
+static bool add_obstacles(const slf_file *file, uint32_t water_index, const water_rectangle *r,
                           ripple *pond) {
   const uint32_t u_count = ripple_get_options(pond)->u_count;
   const uint32_t v_count = ripple_get_options(pond)->v_count;
@@ -157,9 +154,10 @@ static bool add_obstacles(const slf_file *file, uint32_t water_index, const rect
 /* ---- Creation ----------------------------------------------------------------------------------
  */
 
-/* A wave crosses the pond's longer side in 4 s and has lost most of its energy on the way back;
- * waves of a few cells, which the grid carries badly, are gone within a second. */
-static ripple_options pond_options(const rectangle *r, uint32_t cells) {
+/* A wave crosses the pond's longer side in 5 s and has then lost two thirds of its energy; waves of
+ * a few hundredths of the pond, which a grid carries badly, are gone within a second. All of it is
+ * told by the pond's size, not by the grid, so that a finer one shows the same water. */
+static ripple_options pond_options(const water_rectangle *r, uint32_t cells) {
   const float longer = fmaxf(r->u_length, r->v_length), spacing = longer / (float)cells;
   const float u_cells = fmaxf(roundf(r->u_length / spacing), RIPPLE_MIN_CELLS);
   const float v_cells = fmaxf(roundf(r->v_length / spacing), RIPPLE_MIN_CELLS);
@@ -168,9 +166,9 @@ static ripple_options pond_options(const rectangle *r, uint32_t cells) {
                           .u_length = r->u_length,
                           .v_length = r->v_length,
                           .step_s = 1.0f / 120,
-                          .wave_speed = longer / 4,
-                          .damping_per_s = 0.4f,
-                          .viscosity = 2 * spacing * spacing,
+                          .wave_speed = longer / 5,
+                          .damping_per_s = 0.2f,
+                          .viscosity = longer * longer / 8192,
                           .height_limit = longer / 20,
                           .border = RIPPLE_REFLECTING};
 }
@@ -188,19 +186,20 @@ slf_result water_create(const slf_file *file, uint32_t surface_index, uint32_t u
                         uint32_t v_count, uint32_t cells, water **out, slf_error *error) {
   *out = NULL;
   const slf_surface *surface = slf_get_surface(file, surface_index);
-  rectangle r;
+  water_rectangle r;
   if (!find_rectangle(&surface->mesh, &r)) {
     snprintf(error->message, sizeof error->message,
              "surface '%s' is marked as water, but is not a flat rectangle", surface->name);
     return SLF_ERROR_ARGUMENT;
   }
   if (cells == 0) {
-    const uint32_t half = (u_count > v_count ? u_count : v_count) / 2;
-    cells = half < 64 ? 64 : half > 256 ? 256 : half;
+    cells = u_count > v_count ? u_count : v_count;
+    cells = cells < 64 ? 64 : cells > 256 ? 256 : cells;
   }
   water *w = calloc(1, sizeof *w);
   slf_result result = SLF_ERROR_MEMORY;
   if (!w) goto out_of_memory;
+  w->rectangle = r;
   w->u_count = u_count;
   w->v_count = v_count;
   w->bottom[0] = 0.010f;

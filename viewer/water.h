@@ -28,13 +28,23 @@ typedef enum {
 
 enum { WATER_DISPLAY_COUNT = 3, WATER_FACINGS = 1024 };
 
+extern const char *const water_display_names[WATER_DISPLAY_COUNT]; /* as above, in small letters */
+
 typedef struct {
   uint64_t ray_count;   /* texels that were bent in the last frame */
   uint64_t below_count; /* of them, rays that would have gone below the horizon */
 } water_counts;
 
+/* P(u,v) = corner + u u_length along_u + v v_length along_v; along_u, along_v and normal are
+ * orthonormal. */
+typedef struct {
+  float corner[3], along_u[3], along_v[3], normal[3];
+  float u_length, v_length;
+} water_rectangle;
+
 typedef struct {
   ripple *pond;
+  water_rectangle rectangle;
   uint32_t u_count, v_count; /* texels */
   size_t stride;             /* floats from row to row of the planes below; rows are padded to 8 */
   float *slope_u, *slope_v;
@@ -55,7 +65,7 @@ typedef struct {
 
 /* For a surface that is a flat rectangle, and u_count x v_count texels. Other surfaces of the file
  * that stand in the water become obstacles: their cross-section with its plane is closed. `cells`
- * is the pond's grid along its longer side, 0 for half the texels, within 64 .. 256.
+ * is the pond's grid along its longer side, 0 for one a texel, within 64 .. 256.
  * *out is NULL on failure: SLF_ERROR_ARGUMENT for a surface that is not a flat rectangle. */
 slf_result water_create(const slf_file *file, uint32_t surface_index, uint32_t u_count,
                         uint32_t v_count, uint32_t cells, water **out, slf_error *error);

@@ -8,6 +8,7 @@
 
 #include "context.h"
 #include "gl_api.h"
+#include "water_input.h"
 
 #define GLFW_FUNCTIONS(X)                                                                          \
   X(glfwInit)                                                                                      \
@@ -22,6 +23,7 @@
   X(glfwSetCursorPosCallback)                                                                      \
   X(glfwSetMouseButtonCallback)                                                                    \
   X(glfwSetScrollCallback)                                                                         \
+  X(glfwGetWindowSize)                                                                             \
   X(glfwGetFramebufferSize)                                                                        \
   X(glfwGetKey)                                                                                    \
   X(glfwGetTime)                                                                                   \
@@ -44,6 +46,7 @@ typedef struct {
   slf_view view, start;
   double cursor_x, cursor_y; /* of the latest cursor event: GLFW's own getter runs ahead of it */
   int button;                /* held down, or -1 */
+  water_input water;
 } window_state;
 
 static window_state window = {.button = -1};
@@ -81,20 +84,32 @@ static void on_key(GLFWwindow *handle, int key, int scancode, int action, int mo
   if (action != GLFW_PRESS) return;
   if (key == GLFW_KEY_ESCAPE) glfw.call.glfwSetWindowShouldClose(handle, GLFW_TRUE);
   if (key == GLFW_KEY_R) window.view = window.start;
+  if (key < 128) water_press_key(&window.water, (char)key); /* GLFW names such keys by ASCII */
 }
 
 static void on_cursor(GLFWwindow *handle, double x, double y) {
-  (void)handle;
   float dx = (float)(x - window.cursor_x) * 0.005f, dy = (float)(y - window.cursor_y) * 0.005f;
   window.cursor_x = x;
   window.cursor_y = y;
+  int width, height; /* in the cursor's units, which need not be pixels */
+  glfw.call.glfwGetWindowSize(handle, &width, &height);
+  water_move(&window.water, &window.view, x + 0.5, y + 0.5, width, height);
   if (window.button == GLFW_MOUSE_BUTTON_LEFT) view_orbit(&window.view, dx, dy);
   if (window.button == GLFW_MOUSE_BUTTON_RIGHT) view_turn(&window.view, dx, -dy);
 }
 
 static void on_button(GLFWwindow *handle, int button, int action, int mods) {
-  (void)handle, (void)mods;
-  window.button = action == GLFW_PRESS ? button : -1;
+  window.button = -1;
+  water_release(&window.water);
+  if (action != GLFW_PRESS) return;
+  window.button = button;
+  if (button != GLFW_MOUSE_BUTTON_LEFT) return;
+  int width, height;
+  glfw.call.glfwGetWindowSize(handle, &width, &height);
+  const water_tool tool = mods & GLFW_MOD_SHIFT ? WATER_BALL : WATER_FINGER;
+  if (water_press(&window.water, tool, &window.view, window.cursor_x + 0.5, window.cursor_y + 0.5,
+                  width, height))
+    window.button = -1;
 }
 
 static void on_scroll(GLFWwindow *handle, double x, double y) {
@@ -119,8 +134,18 @@ static void walk(float elapsed_s) {
             step * (float)(held(GLFW_KEY_W) - held(GLFW_KEY_S)));
 }
 
+static slf_result advance_water(double elapsed_s, slf_error *error) {
+  slf_result result = SLF_OK;
+  for (uint32_t i = 0; i < slf_surface_count(window.water.file) && result == SLF_OK; i++) {
+    water *w = drawing_water(window.water.drawing, i);
+    if (w) result = water_advance(w, elapsed_s, error);
+  }
+  return result;
+}
+
 slf_result window_run(drawing *d, const slf_view *view, slf_error *error) {
   window.view = window.start = *view;
+  window.water = (water_input){.file = drawing_file(d), .drawing = d};
   glfw.call.glfwSetKeyCallback(window.handle, on_key);
   glfw.call.glfwSetCursorPosCallback(window.handle, on_cursor);
   glfw.call.glfwSetMouseButtonCallback(window.handle, on_button);
@@ -131,10 +156,12 @@ slf_result window_run(drawing *d, const slf_view *view, slf_error *error) {
     glfw.call.glfwPollEvents();
     double now_s = glfw.call.glfwGetTime();
     walk((float)(now_s - last_s));
+    slf_result result = advance_water(now_s - last_s, error);
+    if (result != SLF_OK) return result;
     last_s = now_s;
     glfw.call.glfwGetFramebufferSize(window.handle, &width_px, &height_px);
     if (width_px > 0 && height_px > 0) { /* not while it is minimised */
-      slf_result result = drawing_render(d, &window.view, width_px, height_px, -1, error);
+      result = drawing_render(d, &window.view, width_px, height_px, -1, error);
       if (result != SLF_OK) return result;
       drawing_show(d, width_px, height_px);
     }

@@ -18,10 +18,7 @@ typedef struct {
 } baked;
 
 static scene *open_scene(const char *folder) {
-  char *path = format_text("%s/scene.txt", folder);
-  scene *whole = scene_read(path);
-  free(path);
-  return whole;
+  return scene_read(folder);
 }
 
 static baked open_baked(const char *folder, scene *whole, const char *name, uint32_t rays) {
@@ -34,7 +31,7 @@ static baked open_baked(const char *folder, scene *whole, const char *name, uint
   for (uint32_t i = 0; i < surface_chunk_count(out.self, rays); i++) {
     char *path = format_text("%s/%s/%04u.exr", folder, name, i);
     image *chunk = image_open(path);
-    image_read_rows(chunk, 0, image_height(chunk), next);
+    image_read_rows(chunk, "RGB", 0, image_height(chunk), next);
     next += (size_t)image_height(chunk) * u * 3;
     image_close(chunk);
     free(path);

@@ -24,8 +24,7 @@ static vec reflect(vec d, vec n) {
   return add(d, n, -2 * dot(d, n));
 }
 
-/* ---- Textures -----------------------------------------------------------------------------------
- */
+/* ---- Textures ------------------------------------------------------------------------------ */
 
 static double hash(int x, int y, int seed) {
   uint32_t h = (uint32_t)x * 0x9e3779b1u ^ (uint32_t)y * 0x85ebca77u ^ (uint32_t)seed * 0xc2b2ae3du;
@@ -57,8 +56,7 @@ static vec wall(double a, double b, vec tint) {
   return fa < 0.06 || fb < 0.1 ? (vec){0.75, 0.73, 0.7} : brick;
 }
 
-/* ---- The room -----------------------------------------------------------------------------------
- */
+/* ---- The room ------------------------------------------------------------------------------ */
 
 static const struct {
   vec centre;
@@ -138,8 +136,7 @@ static vec radiance(synthetic_kind kind, double u, double v, const double d[3]) 
   return mirror > 0 ? add(shaded, trace(at, towards, 2), mirror) : shaded;
 }
 
-/* ---- Slices -------------------------------------------------------------------------------------
- */
+/* ---- Slices -------------------------------------------------------------------------------- */
 
 static void make_slice(synthetic_kind kind, const light_field *f, uint32_t s, uint32_t t,
                        uint32_t rays_side, uint8_t *codes) {

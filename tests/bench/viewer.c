@@ -153,7 +153,7 @@ static double decompressions_per_block(scene *x, const slf_view *view) {
   frame_ns(x, view, &texels);
   uint64_t decompressions = block_cache_get_counts(x->cache)->frame_decompressions;
   scene all;
-  open_scene(&all, x->file, x, 1 << 20);
+  open_scene(&all, x->file, x, BLOCK_CACHE_DEFAULT);
   frame_ns(&all, view, &texels);
   uint64_t blocks = block_cache_get_counts(all.cache)->frame_decompressions;
   close_scene(&all);
@@ -165,7 +165,7 @@ static void bench(const slf_file *file, const char *name) {
   size_t texels;
   slf_view view = *slf_get_view(file, 0);
   char key[64];
-  if (!open_scene(&plain, file, NULL, 0) || !open_scene(&warm, file, &plain, 1 << 20)) {
+  if (!open_scene(&plain, file, NULL, 0) || !open_scene(&warm, file, &plain, BLOCK_CACHE_DEFAULT)) {
     fprintf(stderr, "viewer: %s: out of memory\n", name);
     exit(1);
   }

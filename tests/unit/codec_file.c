@@ -11,8 +11,7 @@
 
 #include <cmocka.h>
 
-/* ---- A light field with a closed form -----------------------------------------------------------
- */
+/* ---- A light field with a closed form ------------------------------------------------------ */
 
 /* A texture that every direction sees, and a highlight that moves with the direction. */
 typedef struct {
@@ -125,8 +124,7 @@ static double psnr(const slf_file *file, const analytic *field) {
   return 10 * log10(255 * 255 / (sum / count));
 }
 
-/* ---- Tests --------------------------------------------------------------------------------------
- */
+/* ---- Tests --------------------------------------------------------------------------------- */
 
 static void what_was_written_is_read(void **state) {
   (void)state;

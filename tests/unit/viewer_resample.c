@@ -364,6 +364,14 @@ static void test_seam_and_silhouette(void **state) {
   double bound = error_bound(32, 8, 2, 0.05) + bend * bend / 8 * 2 * amplitude * wave;
   print_message("cylinder: error %.5f, bound %.5f, %d texels face the eye\n", worst, bound, seen);
   assert_true(worst <= bound);
+  /* The same picture by plain C. */
+  size_t nbytes = x.levels[0].row_nbytes * 32;
+  uint8_t *picture = malloc(nbytes);
+  memcpy(picture, x.levels[0].texels, nbytes);
+  texture_use_kernel(&x, RESAMPLE_PLAIN_C);
+  texture_update(&x, &c, (direction_bend){0});
+  assert_memory_equal(picture, x.levels[0].texels, nbytes);
+  free(picture);
   texture_free(&x);
   free(f);
 }

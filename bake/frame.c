@@ -1,0 +1,92 @@
+#include "frame.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "fail.h"
+#include "image.h"
+#include "sample.h"
+
+texel_grid grid_of_all(const surface *self) {
+  return (texel_grid){0, 1, self->u_count, 0, 1, self->v_count};
+}
+
+void view_of_slice(uint32_t s_count, uint32_t t_count, slice at, uint32_t rays, double (*stn)[3]) {
+  double st[SAMPLE_MAX_RAYS][2];
+  sample_cell_offsets(rays, at.s, at.t, st);
+  for (uint32_t m = 0; m < rays; m++) {
+    if (s_count == 1 && t_count == 1)
+      memcpy(stn[m], (double[3]){0, 0, 1}, sizeof stn[m]);
+    else
+      slf_direction((at.s + st[m][0]) / s_count, (at.t + st[m][1]) / t_count, SLF_BAKED_N_MIN, stn[m]);
+  }
+}
+
+view_list views_of_chunk(const surface *self, uint32_t rays, uint32_t chunk_index) {
+  uint32_t slice_count;
+  chunk_range range = surface_chunk(self, rays, chunk_index);
+  slice *slices = surface_slices(self, &slice_count);
+  view_list views = {range.count, rays,
+                     allocate((size_t)range.count * rays, sizeof *views.stn, self->name)};
+  for (uint32_t i = 0; i < range.count; i++) {
+    slice at = slices[range.first + i];
+    view_of_slice(self->s_count, self->t_count, at, rays, views.stn + (size_t)i * rays);
+    /* Rays that spread over a cell's directions hit no one height. */
+    for (uint32_t m = 0; m < rays && surface_has_layers(self); m++)
+      slf_direction((at.s + 0.5) / self->s_count, (at.t + 0.5) / self->t_count, SLF_BAKED_N_MIN,
+                    views.stn[(size_t)i * rays + m]);
+  }
+  free(slices);
+  return views;
+}
+
+view_list views_of_cover(uint32_t rays) {
+  view_list views = {1, rays, allocate(rays, sizeof *views.stn, "cover")};
+  view_of_slice(1, 1, (slice){0, 0}, rays, views.stn);
+  return views;
+}
+
+void frame_size(const surface *self, texel_grid grid, const view_list *views, int apart,
+                uint32_t *width, uint32_t *height) {
+  *width = self->planar ? grid.u_count * views->rays + 1 : grid.u_count;
+  *height = grid.v_count * views->view_count * (apart && !self->planar ? views->rays : 1) + 1;
+}
+
+/* The mean over a sample's rays, or over those that stand in for rays that miss the surface. Tiles
+ * are read side by side: texel i of ray m lies at m u_count + i. */
+static void mean_of_tiles(const float *view, texel_grid grid, uint32_t width, uint32_t rays,
+                          const uint32_t *sources, float *rgb) {
+  for (uint32_t texel = 0; texel < grid.u_count * grid.v_count; texel++) {
+    double sum[3] = {0, 0, 0};
+    for (uint32_t m = 0; m < rays; m++) {
+      uint32_t source = sources ? sources[(size_t)texel * rays + m] : texel * rays + m;
+      uint32_t i = source / rays % grid.u_count, j = source / rays / grid.u_count;
+      const float *from = view + ((size_t)j * width + source % rays * grid.u_count + i) * 3;
+      for (int channel = 0; channel < 3; channel++) sum[channel] += from[channel];
+    }
+    for (int channel = 0; channel < 3; channel++)
+      rgb[(size_t)texel * 3 + channel] = (float)(sum[channel] / rays);
+  }
+}
+
+float *frame_read_means(const char *path, const surface *self, texel_grid grid,
+                        const view_list *views, const uint32_t *sources) {
+  uint32_t width, height;
+  frame_size(self, grid, views, 0, &width, &height);
+  image *frame = image_open(path);
+  if (image_width(frame) != width || image_height(frame) != height)
+    fail("%s: %u x %u pixels, expected %u x %u", path, image_width(frame), image_height(frame),
+         width, height);
+  size_t view_size = (size_t)grid.u_count * grid.v_count * 3;
+  float *means = allocate(view_size * views->view_count, sizeof *means, path);
+  float *tiles = allocate((size_t)grid.v_count * width * 3, sizeof *tiles, path);
+  for (uint32_t i = 0; i < views->view_count; i++) {
+    float *to = self->planar ? tiles : means + i * view_size;
+    image_read_rows(frame, "RGB", 1 + i * grid.v_count, grid.v_count, to);
+    if (self->planar)
+      mean_of_tiles(tiles, grid, width, views->rays, sources, means + i * view_size);
+  }
+  free(tiles);
+  image_close(frame);
+  return means;
+}

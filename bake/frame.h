@@ -1,0 +1,48 @@
+/* frame.h - what POV-Ray renders for a surface: a list of views, and where their rays lie in it.
+ *
+ * A view is the surface's texels seen by all rays of a sample, each ray of it from one direction
+ * (of eq. 1's s, t, n, in each texel's own frame). Of a planar surface each (view, ray) is a tile
+ * of the frame: a row of tiles for each view, a column for each ray. Of a curved one each view is
+ * one image, the views below each other, and POV-Ray takes the mean over the rays itself. Above
+ * both lies one row that counts for nothing, and to the right of tiles one column (see camera.c).
+ */
+#ifndef BAKE_FRAME_H
+#define BAKE_FRAME_H
+
+#include <stdint.h>
+
+#include "surface.h"
+
+/* Some of a surface's texels: the u_first-th and every u_step-th after it, rows alike. */
+typedef struct {
+  uint32_t u_first, u_step, u_count;
+  uint32_t v_first, v_step, v_count;
+} texel_grid;
+texel_grid grid_of_all(const surface *);
+
+typedef struct {
+  uint32_t view_count, rays;
+  double (*stn)[3]; /* view_count x rays directions */
+} view_list;
+
+/* What is rendered: one chunk of slices; or views along the normal that tell where the surface is
+ * (cover.h); or views of a few texels that tell how many directions it needs (choose.c). The caller
+ * frees stn. */
+view_list views_of_chunk(const surface *, uint32_t rays, uint32_t chunk_index);
+view_list views_of_cover(uint32_t rays);
+
+/* The slice of a surface of s_count x t_count directions, with its cell's offsets, into stn: one
+ * view. A matte surface is seen along its normal. */
+void view_of_slice(uint32_t s_count, uint32_t t_count, slice at, uint32_t rays, double (*stn)[3]);
+
+/* Size of the frame; `apart`: each ray of a curved surface has an image of its own. */
+void frame_size(const surface *, texel_grid, const view_list *, int apart, uint32_t *width,
+                uint32_t *height);
+
+/* The mean radiance of every texel of every view: view_count x v_count x u_count x 3, for the
+ * caller to free. sources (cover.h) may be NULL; a curved surface's camera has heeded them already.
+ * A frame of another size ends the program. */
+float *frame_read_means(const char *path, const surface *, texel_grid, const view_list *,
+                        const uint32_t *sources);
+
+#endif

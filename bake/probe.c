@@ -1,0 +1,89 @@
+#include "probe.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "fail.h"
+
+const uint32_t probe_candidates[PROBE_CANDIDATE_COUNT] = {4, 8, 16, 32, 64};
+
+static void spread(uint32_t count, uint32_t most, uint32_t *first, uint32_t *step,
+                   uint32_t *chosen) {
+  *step = count > most ? count / most : 1;
+  *chosen = count > most ? most : count;
+  *first = *step / 2;
+}
+
+static texel_grid spread_grid(const surface *self, uint32_t most) {
+  texel_grid grid;
+  spread(self->u_count, most, &grid.u_first, &grid.u_step, &grid.u_count);
+  spread(self->v_count, most, &grid.v_first, &grid.v_step, &grid.v_count);
+  return grid;
+}
+
+texel_grid probe_grid(const surface *self) {
+  return spread_grid(self, PROBE_MAX_TEXELS);
+}
+
+texel_grid light_grid(const surface *self) {
+  return spread_grid(self, 4 * PROBE_MAX_TEXELS);
+}
+
+/* S and T of a test: Vogel's spiral over the disc of directions up to n = 0.3, even in area. */
+static void test_place(uint32_t test, double *S, double *T) {
+  double radius = sqrt((test + 0.5) / PROBE_TEST_COUNT) * sqrt(1 - 0.3 * 0.3);
+  double angle = test * 2.39996322972865332; /* the golden angle */
+  *S = 0.5 + 0.5 * radius * cos(angle);
+  *T = 0.5 + 0.5 * radius * sin(angle);
+}
+
+static uint16_t clamp_index(double index, uint32_t n) {
+  return (uint16_t)(index < 0 ? 0 : index > n - 1 ? n - 1 : index);
+}
+
+void probe_mix(uint32_t n, uint32_t test, slice slices[4], double weights[4]) {
+  double S, T;
+  test_place(test, &S, &T);
+  double s = S * n - 0.5, t = T * n - 0.5;
+  double s_part = s - floor(s), t_part = t - floor(t);
+  for (int k = 0; k < 4; k++) {
+    slices[k] = (slice){clamp_index(floor(s) + k % 2, n), clamp_index(floor(t) + k / 2, n)};
+    weights[k] = (k % 2 ? s_part : 1 - s_part) * (k / 2 ? t_part : 1 - t_part);
+  }
+}
+
+/* The view along the normal and those from the test directions; returns what comes after. */
+static double (*write_tests(uint32_t test_count, uint32_t rays, double (*next)[3]))[3] {
+  view_of_slice(1, 1, (slice){0, 0}, rays, next);
+  next += rays;
+  for (uint32_t test = 0; test < test_count; test++, next += rays) {
+    double S, T;
+    test_place(test, &S, &T);
+    for (uint32_t m = 0; m < rays; m++) slf_direction(S, T, SLF_BAKED_N_MIN, next[m]);
+  }
+  return next;
+}
+
+view_list light_views(const surface *self, uint32_t rays) {
+  uint32_t test_count = self->s_count == 1 && self->t_count == 1 ? 0 : PROBE_TEST_COUNT;
+  view_list views = {1 + test_count, rays,
+                     allocate((size_t)(1 + test_count) * rays, sizeof *views.stn, "light")};
+  write_tests(test_count, rays, views.stn);
+  return views;
+}
+
+view_list probe_views(uint32_t rays) {
+  uint32_t count = 1 + PROBE_TEST_COUNT + 4 * PROBE_CANDIDATE_COUNT * PROBE_TEST_COUNT;
+  view_list views = {count, rays, allocate((size_t)count * rays, sizeof *views.stn, "probe")};
+  double(*next)[3] = write_tests(PROBE_TEST_COUNT, rays, views.stn);
+  for (int candidate = 0; candidate < PROBE_CANDIDATE_COUNT; candidate++) {
+    uint32_t n = probe_candidates[candidate];
+    for (uint32_t test = 0; test < PROBE_TEST_COUNT; test++) {
+      slice slices[4];
+      double weights[4];
+      probe_mix(n, test, slices, weights);
+      for (int k = 0; k < 4; k++, next += rays) view_of_slice(n, n, slices[k], rays, next);
+    }
+  }
+  return views;
+}

@@ -1,0 +1,30 @@
+/* probe.h - the views that tell how many directions a surface needs. A few texels are seen from
+ * test directions, and for each candidate number of directions in the four slices from which a
+ * viewer would mix them (bilinear, eq. 1's S and T). */
+#ifndef BAKE_PROBE_H
+#define BAKE_PROBE_H
+
+#include <stdint.h>
+
+#include "frame.h"
+
+enum { PROBE_TEST_COUNT = 16, PROBE_CANDIDATE_COUNT = 5, PROBE_MAX_TEXELS = 16 };
+extern const uint32_t probe_candidates[PROBE_CANDIDATE_COUNT]; /* 4 8 16 32 64 */
+
+/* At most 16 x 16 of the surface's texels, spread over it. */
+texel_grid probe_grid(const surface *);
+
+/* The first view is along the normal; the next PROBE_TEST_COUNT from the test directions; then, for
+ * each candidate, for each test, four slices. The caller frees stn. */
+view_list probe_views(uint32_t rays);
+
+/* What the light pass looks at, for radiosity to know it: at most 64 x 64 texels, along the normal
+ * and, unless the surface is matte, from the test directions. The caller frees stn. */
+texel_grid light_grid(const surface *);
+view_list light_views(const surface *, uint32_t rays);
+
+/* Place of a test direction among the slices of N x N: the four slices' weights. Slice k of four is
+ * (s + k % 2, t + k / 2); indices are clamped to the edge. */
+void probe_mix(uint32_t n, uint32_t test, slice slices[4], double weights[4]);
+
+#endif

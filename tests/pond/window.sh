@@ -1,0 +1,50 @@
+#!/bin/bash
+# Mouse and keys on the water, in a window on a display of its own: a click makes rings, space stops
+# them, X levels the water, N shows its slopes.
+# usage: window.sh (from the repository's root; build/check-pond.slf exists)
+set -u
+out=build/tap/pond-window; mkdir -p "$out"
+if [ "${1:-}" != inside ]; then
+  exec timeout 120 xvfb-run -a -s "-screen 0 640x480x24" "$0" inside
+fi
+count=0
+check() { # WHAT COMMAND...
+  count=$((count + 1)) what=$1; shift
+  if "$@"; then echo "ok $count - $what"; else echo "not ok $count - $what"; fi
+}
+window() { # the viewer's, once it is there
+  for _ in $(seq 100); do
+    xdotool search --pid $viewer 2>/dev/null | head -n 1 | grep . && return
+    sleep 0.1
+  done
+}
+shot() { sleep 0.7; import -window "$id" "$out/$1.png"; } # a frame or more after what came before
+colours() { convert "$out/$1.png" -format %k info:; }
+same() { [ "$(convert "$out/$1.png" rgb:- | cksum)" = "$(convert "$out/$2.png" rgb:- | cksum)" ]; }
+differ() { ! same "$@"; }
+
+echo "1..6"
+LIBGL_ALWAYS_SOFTWARE=1 build/slfview build/check-pond.slf --size 320x240 2> "$out/log" &
+viewer=$!
+trap 'kill $viewer 2>/dev/null' EXIT
+id=$(window)
+xdotool windowfocus "$id" 2> /dev/null
+for _ in $(seq 50); do shot first; [ "$(colours first)" -gt 100 ] && break; done
+shot calm
+check "calm water stands still" same first calm
+# The first view's water, in front of the ball.
+xdotool mousemove --window "$id" 150 215 click 1
+sleep 0.5; xdotool key space
+shot rings; shot rings-later
+check "a click makes rings" differ calm rings
+check "space stops them" same rings rings-later
+xdotool key period
+shot stepped
+check "a period is a step" differ rings stepped
+xdotool key n n
+shot slopes
+check "N twice shows the slopes" differ stepped slopes
+xdotool key n x
+shot level
+check "X levels the water" same calm level
+cat "$out/log" >&2
