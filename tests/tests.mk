@@ -29,6 +29,7 @@ check-bakes: all
 	$(MAKE) bake SCENE=floor NAME=check-floor RAYS=25
 	$(MAKE) bake SCENE=floor NAME=check-floor-mirror QUALITY=paper RAYS=1 DECLARE="Mirror=1 Directions=32"
 	$(MAKE) bake SCENE=pond NAME=check-pond RAYS=1
+	$(MAKE) bake SCENE=floor NAME=check-floor-layers RAYS=1 DECLARE="Mirror=1 Texels=256 Directions=8 Slf_Layers=8"
 
 .PHONY: unit-suites format
 unit-suites: $(UNIT_SUITES)

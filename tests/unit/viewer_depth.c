@@ -1,0 +1,224 @@
+/* The mix by depth against a light field in closed form: a mirror of 1 x 1 under a patterned ceiling,
+ * with a bar hanging between. What is left is interpolation between texels and 8-bit codes. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "viewer/depth_mix.h"
+#include "viewer/half.h"
+
+enum { TEXELS = 64, DIRECTIONS = 8, BLOCKS = TEXELS / 8 };
+
+/* Waves of 0.25 units, amplitude 0.2: between texels 1/64 apart, linear interpolation is off by at most
+ * (1/64)^2 / 8 * 0.2 * (2 pi / 0.25)^2 * 2 axes = 0.0077 */
+static const double wave = 2 * M_PI / 0.25, ceiling = 0.5, bar = 0.2, bar_from = 0.4, bar_to = 0.6;
+static const double height_unit = 0.5;
+
+typedef struct {
+  bool has_bar, of_height;
+  uint8_t blocks[2][SLF_BLOCK_NBYTES];
+  int turn;
+} mirror;
+
+typedef struct {
+  double height, x, z;
+} hit;
+
+/* What the ray from (x, z) that leaves with slopes (s, t) / n reflects. */
+static hit reflect(const mirror *m, double x, double z, double s, double t) {
+  double n = sqrt(fmax(1 - s * s - t * t, 1e-4));
+  hit low = {bar, x - bar * s / n, z - bar * t / n};
+  if (m->has_bar && low.x > bar_from && low.x < bar_to) return low;
+  return (hit){ceiling, x - ceiling * s / n, z - ceiling * t / n};
+}
+
+static double radiance(hit h) {
+  double pattern = 0.2 * sin(wave * h.x) + 0.2 * cos(wave * h.z);
+  return h.height == bar ? 0.05 : 0.5 + pattern;
+}
+
+static void fetch(void *context, uint32_t block_u, uint32_t block_v, const slice_index *slices,
+                  size_t count, const uint8_t **u_blocks) {
+  mirror *m = context;
+  assert_int_equal(count, 1);
+  assert_true(block_u < BLOCKS && block_v < BLOCKS);
+  uint32_t i = slices[0] >> 8, j = slices[0] & 0xff;
+  /* What is not stored must never be read. */
+  assert_true(slf_slice_exists(DIRECTIONS, DIRECTIONS, i, j));
+  double d[3];
+  slf_direction((i + 0.5) / DIRECTIONS, (j + 0.5) / DIRECTIONS, SLF_BAKED_N_MIN, d);
+  m->turn = 1 - m->turn;
+  for (uint32_t k = 0; k < 64; k++) {
+    hit h = reflect(m, (8 * block_u + k % 8 + 0.5) / TEXELS, (8 * block_v + k / 8 + 0.5) / TEXELS, d[0],
+                    d[1]);
+    uint8_t code = m->of_height ? slf_code_from_height((float)h.height, (float)height_unit)
+                                : slf_srgb_from_linear((float)radiance(h));
+    memset(m->blocks[m->turn] + 4 * k, code, 4);
+  }
+  u_blocks[0] = m->blocks[m->turn];
+}
+
+typedef struct {
+  double rms, worst; /* of texels that count */
+  uint32_t count;
+  depth_mix_counts counts;
+} difference;
+
+/* The whole mirror as an eye over its middle sees it, fineness x fineness texels a texel. Texels count
+ * if what they reflect is clear of the bar's edges and seen by all slices around. */
+static difference mix(bool has_bar, uint32_t fineness, double margin) {
+  mirror light = {.has_bar = has_bar}, heights = {.has_bar = has_bar, .of_height = true};
+  slf_layer layer = {.u_count = TEXELS, .v_count = TEXELS, .s_count = DIRECTIONS, .t_count = DIRECTIONS};
+  slf_layer height = layer;
+  height.height_unit = (float)height_unit;
+  const float scale[4] = {TEXELS, 0, 0, TEXELS};
+  const double eye[3] = {0.52, 0.9, 0.47};
+  uint32_t side = TEXELS * fineness;
+  depth_mixer *m = depth_mixer_create(&layer, (block_source){fetch, &light}, &height,
+                                      (block_source){fetch, &heights}, scale, side, side);
+  difference sum = {0, 0, 0, {0, 0, 0}};
+  assert_non_null(m);
+  for (uint32_t block = 0; block < BLOCKS * BLOCKS * fineness * fineness; block++) {
+    uint32_t block_u = block % (BLOCKS * fineness), block_v = block / (BLOCKS * fineness);
+    block_directions d = {.mask = UINT64_MAX};
+    uint16_t out[64 * 4];
+    for (uint32_t k = 0; k < 64; k++) {
+      double x = eye[0] - (8 * block_u + k % 8 + 0.5) / side;
+      double z = eye[2] - (8 * block_v + k / 8 + 0.5) / side, length = sqrt(x * x + z * z + eye[1] * eye[1]);
+      d.s[k] = (float)(0.5 * (x / length + 1));
+      d.t[k] = (float)(0.5 * (z / length + 1));
+    }
+    depth_mix_block(m, block_u, block_v, &d, out, 64);
+    for (uint32_t k = 0; k < 64; k++) {
+      double x = (8 * block_u + k % 8 + 0.5) / side, z = (8 * block_v + k / 8 + 0.5) / side;
+      double s = 2 * d.s[k] - 1, t = 2 * d.t[k] - 1;
+      assert_int_equal(out[4 * k + 3], HALF_ONE);
+      hit h = reflect(&light, x, z, s, t), low = {0, 0, 0};
+      double n = sqrt(1 - s * s - t * t), at_bar = x - bar * s / n;
+      low.x = fmin(fabs(at_bar - bar_from), fabs(at_bar - bar_to));
+      /* The middle half: further out, slices see the point from beyond the mirror's edge. */
+      if (fabs(x - 0.5) > 0.3 || fabs(z - 0.5) > 0.3 || (has_bar && low.x < margin)) continue;
+      double off = fabs(float_from_half(out[4 * k]) - radiance(h));
+      sum.rms += off * off;
+      sum.worst = fmax(sum.worst, off);
+      sum.count++;
+    }
+  }
+  sum.rms = sqrt(sum.rms / sum.count);
+  sum.counts = *depth_mixer_counts(m);
+  depth_mixer_free(m);
+  return sum;
+}
+
+static void flat_ceiling_is_exact(void **state) {
+  (void)state;
+  difference d = mix(false, 1, 0);
+  assert_true(d.count > 1000);
+  /* 0.0077 of interpolation; 0.004 of 8-bit codes; heights' codes are exact to 1/512 of 0.5 units, which
+   * shifts the reading by less than 0.05 texel of slope 0.2 wave / 64: 0.004. */
+  assert_true(d.worst < 0.016);
+  assert_int_equal(d.counts.four_tap_count, 0);
+}
+
+static void finer_texels_are_as_exact(void **state) {
+  (void)state;
+  difference d = mix(false, 2, 0);
+  assert_true(d.count > 4000);
+  assert_true(d.worst < 0.016);
+}
+
+static void things_in_between_keep_their_edges(void **state) {
+  (void)state;
+  /* Two texels from its edges the bar is the bar and the ceiling the ceiling. */
+  difference d = mix(true, 1, 2.0 / TEXELS);
+  assert_true(d.count > 1000);
+  assert_true(d.rms < 0.01);
+  /* Behind the bar's edges the four slices disagree, and more are asked. */
+  assert_true(d.counts.wide_count > 0);
+  assert_true(d.counts.four_tap_count < d.counts.texel_count / 100);
+}
+
+static void four_taps_are_blurred_here(void **state) {
+  (void)state;
+  /* The yardstick: at 0.5 units, slices 1/4 of the circle apart see points 1/8 units apart, half a wave. */
+  double worst = 0;
+  mirror m = {.has_bar = false};
+  for (int k = 0; k < 64; k++) {
+    double a = radiance(reflect(&m, 0.5 + k / 256.0, 0.5, -0.125, 0.125));
+    double b = radiance(reflect(&m, 0.5 + k / 256.0, 0.5, 0.125, 0.125));
+    worst = fmax(worst, fabs(0.5 * (a + b) - radiance(reflect(&m, 0.5 + k / 256.0, 0.5, 0, 0.125))));
+  }
+  assert_true(worst > 0.15);
+}
+
+static void directions_outside_are_held(void **state) {
+  (void)state;
+  mirror light = {.has_bar = false}, heights = {.of_height = true};
+  slf_layer layer = {.u_count = TEXELS, .v_count = TEXELS, .s_count = DIRECTIONS, .t_count = DIRECTIONS};
+  slf_layer height = layer;
+  height.height_unit = (float)height_unit;
+  const float scale[4] = {TEXELS, 0, 0, TEXELS};
+  depth_mixer *m = depth_mixer_create(&layer, (block_source){fetch, &light}, &height,
+                                      (block_source){fetch, &heights}, scale, TEXELS, TEXELS);
+  const float odd[] = {NAN, INFINITY, -INFINITY, 1e30f, -5, 2, 0, 1};
+  block_directions d = {.mask = 0x7fffffffffffffff};
+  uint16_t out[64 * 4];
+  for (int k = 0; k < 64; k++) d.s[k] = odd[k % 8], d.t[k] = odd[k / 8];
+  depth_mix_block(m, 0, 0, &d, out, 64);
+  for (int k = 0; k < 64; k++) {
+    float light_here = float_from_half(out[4 * k]);
+    assert_int_equal(out[4 * k + 3], k < 63 ? HALF_ONE : 0);
+    assert_true(light_here >= 0 && light_here <= 1);
+  }
+  depth_mixer_free(m);
+}
+
+static void only_flat_surfaces_have_a_scale(void **state) {
+  (void)state;
+  slf_vertex v[4];
+  const uint32_t triangles[6] = {0, 1, 2, 2, 1, 3};
+  for (int i = 0; i < 4; i++)
+    v[i] = (slf_vertex){.position = {2 * (float)(i % 2), 0, 4 * (float)(i / 2)},
+                        .normal = {0, 1, 0},
+                        .tangent_u = {1, 0, 0},
+                        .tangent_v = {0, 0, 1},
+                        .u = (float)(i % 2),
+                        .v = (float)(i / 2)};
+  slf_mesh mesh = {.vertices = v, .triangles = triangles, .vertex_count = 4, .triangle_count = 2};
+  float scale[4];
+  assert_true(flat_texel_scale(&mesh, 64, 32, scale));
+  assert_float_equal(scale[0], 32, 1e-4); /* 64 texels over 2 units */
+  assert_float_equal(scale[1], 0, 1e-4);
+  assert_float_equal(scale[2], 0, 1e-4);
+  assert_float_equal(scale[3], 8, 1e-4);
+  v[3].position[1] = 0.1f;
+  assert_false(flat_texel_scale(&mesh, 64, 32, scale));
+}
+
+static void heights_have_codes(void **state) {
+  (void)state;
+  for (int code = 0; code < 256; code++)
+    assert_int_equal(slf_code_from_height(slf_height_from_code((uint8_t)code, 3), 3), code);
+  assert_int_equal(slf_code_from_height(3, 3), 128);
+  assert_int_equal(slf_code_from_height(-1, 3), 0);
+  assert_int_equal(slf_code_from_height(NAN, 3), 0);
+  assert_int_equal(slf_code_from_height(INFINITY, 3), 255);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(heights_have_codes),
+      cmocka_unit_test(only_flat_surfaces_have_a_scale),
+      cmocka_unit_test(flat_ceiling_is_exact),
+      cmocka_unit_test(finer_texels_are_as_exact),
+      cmocka_unit_test(things_in_between_keep_their_edges),
+      cmocka_unit_test(four_taps_are_blurred_here),
+      cmocka_unit_test(directions_outside_are_held),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
