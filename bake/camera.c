@@ -78,9 +78,9 @@ static void write_tile_vertices(const shot *self, const double uv[2], const doub
   }
 }
 
-/* Of a frame with fog the first row, which nobody reads, looks from the surface's middle straight up.
- * POV-Ray finds the objects around the first ray's origin and takes them to be around all: a corner
- * texel's may lie in a wall, where no fog is. */
+/* Of a frame with fog the first row, which nobody reads, looks from the surface's middle straight
+ * up. POV-Ray finds the objects around the first ray's origin and takes them to be around all: a
+ * corner texel's may lie in a wall, where no fog is. */
 static void write_first_tile(const surface *self, const double normal[3]) {
   for (int corner = 0; corner < 4; corner++) {
     double origin[3];
@@ -229,7 +229,8 @@ static void write_curved_camera(const shot *self) {
 
 int main(int argc, char **argv) {
   if (argc != 6 && argc != 8) {
-    fputs("usage: camera FOLDER SURFACE RAYS SCENE.pov CHUNK|cover|light|probe [FOG_DISTANCE FOG_GREY]"
+    fputs("usage: camera FOLDER SURFACE RAYS SCENE.pov CHUNK|cover|light|probe [FOG_DISTANCE "
+          "FOG_GREY]"
           " > OUT.pov\n",
           stderr);
     return 2;

@@ -18,7 +18,8 @@ void view_of_slice(uint32_t s_count, uint32_t t_count, slice at, uint32_t rays, 
     if (s_count == 1 && t_count == 1)
       memcpy(stn[m], (double[3]){0, 0, 1}, sizeof stn[m]);
     else
-      slf_direction((at.s + st[m][0]) / s_count, (at.t + st[m][1]) / t_count, SLF_BAKED_N_MIN, stn[m]);
+      slf_direction((at.s + st[m][0]) / s_count, (at.t + st[m][1]) / t_count, SLF_BAKED_N_MIN,
+                    stn[m]);
   }
 }
 

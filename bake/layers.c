@@ -1,14 +1,14 @@
-/* layers - splits what a surface sends out into its own radiance and what it reflects, and finds how
- * high above the surface the thing reflected is, by what fogs do to them.
+/* layers - splits what a surface sends out into its own radiance and what it reflects, and finds
+ * how high above the surface the thing reflected is, by what fogs do to them.
  *
  * A fog of distance d and grey C turns the radiance L of a path of length h into T L + (1 - T) C
- * with T = exp(-h / d). From the surface to the ray's start, a distance e, T_e is known. A surface of
- * own radiance O and reflectance r is seen through it as
- *     I(C) = T_e (O + r (T L + (1 - T) C)) + (1 - T_e) C.
- * A near fog lets nothing through from what is reflected (T = 0): I(0) = T_e O and
- * I(1) - I(0) = T_e r + 1 - T_e. A far fog then gives 1 - T = ((I(1) - I(0) - 1 + T_e) / T_e) / r, so h;
- * its height over the surface is h n. Nothing of this asks what the scene is made of. Where r varies along
- * the path, as with reflections of reflections, the fogs weigh its segments: h is a weighted mean. */
+ * with T = exp(-h / d). From the surface to the ray's start, a distance e, T_e is known. A surface
+ * of own radiance O and reflectance r is seen through it as I(C) = T_e (O + r (T L + (1 - T) C)) +
+ * (1 - T_e) C. A near fog lets nothing through from what is reflected (T = 0): I(0) = T_e O and
+ * I(1) - I(0) = T_e r + 1 - T_e. A far fog then gives 1 - T = ((I(1) - I(0) - 1 + T_e) / T_e) / r,
+ * so h; its height over the surface is h n. Nothing of this asks what the scene is made of. Where r
+ * varies along the path, as with reflections of reflections, the fogs weigh its segments: h is a
+ * weighted mean. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -46,14 +46,14 @@ static float fogged(const float black[3], const float white[3], float t_start) {
 }
 
 typedef struct {
-  float own_gain;               /* 1 / T_e of the near fog */
+  float own_gain; /* 1 / T_e of the near fog */
   float t_near_start, t_far_start;
   float far, n;
 } splitting;
 
 /* One sample: its radiance, and the same through each fog, become three pixels. */
-static void split(const splitting *by, const float *full, float *const through[FOG_COUNT], float own[3],
-                  float reflected[3], float height[3]) {
+static void split(const splitting *by, const float *full, float *const through[FOG_COUNT],
+                  float own[3], float reflected[3], float height[3]) {
   float r = fogged(through[NEAR_BLACK], through[NEAR_WHITE], by->t_near_start);
   bool reflects = r > 3 * least_reflectance;
   for (int k = 0; k < 3; k++) {
@@ -76,20 +76,21 @@ static float *read_means(const char *path, const surface *self, uint32_t row_cou
   return rgb;
 }
 
-/* A white fog brightens the way to the ray's start, whatever is seen. Where it does not, POV-Ray takes
- * the rays to start inside an object, and there is nothing to learn. */
+/* A white fog brightens the way to the ray's start, whatever is seen. Where it does not, POV-Ray
+ * takes the rays to start inside an object, and there is nothing to learn. */
 static void check_fog(const surface *self, float *const through[FOG_COUNT], size_t count,
                       float t_start) {
   size_t without = 0;
   for (size_t i = 0; i < count; i++)
     without += through[NEAR_WHITE][i] - through[NEAR_BLACK][i] < 0.5f * (1 - t_start);
   if (without > count / 2)
-    fail("surface '%s' cannot be baked as layers: no fog is seen from it: is its middle inside a thing?",
+    fail("surface '%s' cannot be baked as layers: no fog is seen from it: is its middle inside a "
+         "thing?",
          self->name);
 }
 
-static void split_chunk(const surface *self, uint32_t rays, uint32_t chunk_index, const char *full_path,
-                        const char *fog_path, const char *out) {
+static void split_chunk(const surface *self, uint32_t rays, uint32_t chunk_index,
+                        const char *full_path, const char *fog_path, const char *out) {
   chunk_range range = surface_chunk(self, rays, chunk_index);
   uint32_t slice_count, row_count = range.count * self->v_count;
   slice *slices = surface_slices(self, &slice_count);
@@ -112,7 +113,8 @@ static void split_chunk(const surface *self, uint32_t rays, uint32_t chunk_index
   for (uint32_t k = 0; k < range.count; k++) {
     slice at = slices[range.first + k];
     double direction[3];
-    slf_direction((at.s + 0.5) / self->s_count, (at.t + 0.5) / self->t_count, SLF_BAKED_N_MIN, direction);
+    slf_direction((at.s + 0.5) / self->s_count, (at.t + 0.5) / self->t_count, SLF_BAKED_N_MIN,
+                  direction);
     by.n = (float)direction[2];
     float *own = split_rgb + 3 * k * texel_count * 3;
     for (size_t i = 0; i < texel_count; i++) {
@@ -135,7 +137,8 @@ int main(int argc, char **argv) {
   if (!lists && !(argc == 9 && !strcmp(argv[1], "split"))) {
     fputs("usage: layers fogs FOLDER SURFACE > FOGS\n"
           "       layers split FOLDER SURFACE RAYS CHUNK FULL.exr FOG OUT.exr\n"
-          "FOGS: number, distance and grey a line, none if it has no layers; FOG.number is seen through it\n",
+          "FOGS: number, distance and grey a line, none if it has no layers; FOG.number is seen "
+          "through it\n",
           stderr);
     return 2;
   }

@@ -29,22 +29,22 @@ extern "C" {
 #endif
 
 enum {
-  SLF_BLOCK_SIDE = 8,        /* texels along a side of a block */
-  SLF_BLOCK_NBYTES = 256,    /* one U-Block: 8 rows of 8 texels R G B X, X = 255 */
-  SLF_NAME_NBYTES = 64,      /* longest name, its terminating zero included */
-  SLF_MAX_TEXELS = 16384,    /* largest u_count and v_count */
-  SLF_MAX_DIRECTIONS = 256,  /* largest s_count and t_count */
+  SLF_BLOCK_SIDE = 8,       /* texels along a side of a block */
+  SLF_BLOCK_NBYTES = 256,   /* one U-Block: 8 rows of 8 texels R G B X, X = 255 */
+  SLF_NAME_NBYTES = 64,     /* longest name, its terminating zero included */
+  SLF_MAX_TEXELS = 16384,   /* largest u_count and v_count */
+  SLF_MAX_DIRECTIONS = 256, /* largest s_count and t_count */
   SLF_MAX_SURFACES = 4096,
   SLF_MAX_LAYERS = 8
 };
 
 typedef enum {
   SLF_OK = 0,
-  SLF_ERROR_IO,          /* the system refused: open, read, write, rename */
-  SLF_ERROR_FORMAT,      /* the bytes are not a .slf file of a known version */
-  SLF_ERROR_CHECKSUM,    /* a chunk's bytes are not the ones that were written */
-  SLF_ERROR_MEMORY,      /* allocation failed */
-  SLF_ERROR_ARGUMENT     /* the caller asked for something that does not exist */
+  SLF_ERROR_IO,       /* the system refused: open, read, write, rename */
+  SLF_ERROR_FORMAT,   /* the bytes are not a .slf file of a known version */
+  SLF_ERROR_CHECKSUM, /* a chunk's bytes are not the ones that were written */
+  SLF_ERROR_MEMORY,   /* allocation failed */
+  SLF_ERROR_ARGUMENT  /* the caller asked for something that does not exist */
 } slf_result;
 
 typedef struct {
@@ -73,18 +73,18 @@ typedef struct {
 enum {
   SLF_SURFACE_WRAP_U = 1, /* u = 1 continues at u = 0 */
   SLF_SURFACE_WRAP_V = 2,
-  SLF_SURFACE_WATER = 4   /* the viewer may ripple it */
+  SLF_SURFACE_WATER = 4 /* the viewer may ripple it */
 };
 
 /* ---- Layers -------------------------------------------------------------------------------- */
 
 /* What a layer holds. A surface's radiance is the sum of its layers of radiance. */
 typedef enum {
-  SLF_ROLE_FULL = 0,     /* all of it: the paper's way */
-  SLF_ROLE_OWN = 1,      /* diffuse, highlight, emission */
+  SLF_ROLE_FULL = 0,      /* all of it: the paper's way */
+  SLF_ROLE_OWN = 1,       /* diffuse, highlight, emission */
   SLF_ROLE_REFLECTED = 2, /* what it reflects or refracts */
-  /* Not radiance: for the reflected layer before it, of which it has the directions and the shape of
-   * the texels, the height over the surface's tangent plane of what each sample reflects:
+  /* Not radiance: for the reflected layer before it, of which it has the directions and the shape
+   * of the texels, the height over the surface's tangent plane of what each sample reflects:
    * height_unit * c / (256 - c) scene units for the stored code c. */
   SLF_ROLE_HEIGHT = 3
 } slf_role;
@@ -97,10 +97,10 @@ typedef enum {
 
 /* How C-Blocks use angular coherence (section 3.3). */
 typedef enum {
-  SLF_ANGULAR_NONE = 0,     /* independent blocks */
-  SLF_ANGULAR_IDENTICAL = 1,/* a block equal to the one of the first slice costs one bit */
-  SLF_ANGULAR_MOTION = 2,   /* the paper's second scheme */
-  SLF_ANGULAR_LAYERED = 3   /* mean, key block and shift: FORMAT.md */
+  SLF_ANGULAR_NONE = 0,      /* independent blocks */
+  SLF_ANGULAR_IDENTICAL = 1, /* a block equal to the one of the first slice costs one bit */
+  SLF_ANGULAR_MOTION = 2,    /* the paper's second scheme */
+  SLF_ANGULAR_LAYERED = 3    /* mean, key block and shift: FORMAT.md */
 } slf_angular;
 
 typedef struct {
@@ -154,8 +154,8 @@ void slf_direction(double S, double T, double n_min, double direction[3]);
 uint8_t slf_srgb_from_linear(float radiance);
 float slf_linear_from_srgb(uint8_t code);
 
-/* The code of a height (SLF_ROLE_HEIGHT) and back; half of the codes are below height_unit. Negative
- * heights and NaN give 0, infinity gives 255. */
+/* The code of a height (SLF_ROLE_HEIGHT) and back; half of the codes are below height_unit.
+ * Negative heights and NaN give 0, infinity gives 255. */
 uint8_t slf_code_from_height(float height, float height_unit);
 float slf_height_from_code(uint8_t code, float height_unit);
 
@@ -189,8 +189,8 @@ typedef struct {
 } slf_block_address;
 
 /* Decompresses one block into SLF_BLOCK_NBYTES at u_block: sRGB codes (of
- * SLF_CURVE_DWA, of the radiance clamped to [0,1]). Texels beyond the edge of the slice repeat nothing
- * in particular. Never fails: a damaged C-Block gives some texels. No allocation. */
+ * SLF_CURVE_DWA, of the radiance clamped to [0,1]). Texels beyond the edge of the slice repeat
+ * nothing in particular. Never fails: a damaged C-Block gives some texels. No allocation. */
 void slf_decode_block(const slf_file *file, uint32_t surface_index, uint32_t layer_index,
                       slf_block_address address, uint8_t *u_block);
 
@@ -238,8 +238,7 @@ slf_result slf_writer_add_view(slf_writer *writer, const slf_view *view, slf_err
 void slf_writer_set_background(slf_writer *writer, const float linear_rgb[3]);
 
 /* Adds a surface (name, flags, mesh are read; layers are added by the next call). */
-slf_result slf_writer_add_surface(slf_writer *writer, const slf_surface *surface,
-                                  slf_error *error);
+slf_result slf_writer_add_surface(slf_writer *writer, const slf_surface *surface, slf_error *error);
 /* Encodes a layer of the surface added last. The same input gives the same bytes, whatever the
  * number of threads. Memory does not grow with the number of slices beyond the compressed size. */
 slf_result slf_writer_add_layer(slf_writer *writer, const slf_layer_options *options,

@@ -7,10 +7,16 @@
 #include "half.h"
 
 enum {
-  MEMO_COUNT = 1024, /* U-Blocks at hand, a power of two: 256 KiB, what a row of blocks reads again */
-  EDGE_CODES = 12,   /* heights further apart are of two things */
-  MAX_STEPS = 96     /* texels that a ray is followed through a slice */
+  MEMO_COUNT =
+      1024,        /* U-Blocks at hand, a power of two: 256 KiB, what a row of blocks reads again */
+  EDGE_CODES = 12, /* heights further apart are of two things */
+  STEP_TEXELS = 2, /* that a ray is followed through a slice by, */
+  MAX_STEPS = 48   /* so many times */
 };
+
+/* The weight of slices that must agree for no more to be asked: less lets a thing's outline slip
+ * where the slices that see it weigh little. */
+static const float all_agree = 0.93f;
 
 /* A hair inside the circle, as in resample.c, but n must stay well above 0 for slopes. */
 static const float rim = 0.9997f;
@@ -34,7 +40,7 @@ struct depth_mixer {
   float texel_u, texel_v;             /* texels of light per texel mixed */
   float scale[4];                     /* see flat_texel_scale */
   float unit;
-  float (*slopes)[2]; /* q of each slice */
+  float (*slopes)[2]; /* q of each slice, NAN of those that do not exist */
   float linear[256];  /* of a code */
   block_memo light, heights;
   depth_mix_counts counts;
@@ -84,7 +90,8 @@ static bool memo_create(block_memo *memo, const slf_layer *layer, block_source s
   return memo->entries;
 }
 
-static const memo_entry *memo_find(block_memo *memo, uint32_t slice, uint32_t block_u, uint32_t block_v) {
+static const memo_entry *memo_find(block_memo *memo, uint32_t slice, uint32_t block_u,
+                                   uint32_t block_v) {
   uint64_t key = (uint64_t)block_v << 32 | (uint64_t)block_u << 16 | slice;
   memo_entry *entry = &memo->entries[(key * 0x9e3779b97f4a7c15u) >> 48 & (MEMO_COUNT - 1)];
   if (entry->key != key) {
@@ -105,8 +112,8 @@ static int clamp_index(int x, uint32_t count) {
 }
 
 /* The four texels around (x, y), and how far it is from the first. */
-static void find_texels(block_memo *memo, uint32_t slice, float x, float y, const uint8_t *texels[4],
-                        float *fx, float *fy) {
+static void find_texels(block_memo *memo, uint32_t slice, float x, float y,
+                        const uint8_t *texels[4], float *fx, float *fy) {
   float left = floorf(x - 0.5f), top = floorf(y - 0.5f);
   int x0 = (int)left, y0 = (int)top;
   *fx = x - 0.5f - left, *fy = y - 0.5f - top;
@@ -124,7 +131,8 @@ static void find_texels(block_memo *memo, uint32_t slice, float x, float y, cons
   }
 }
 
-/* The code of the height that the slice sees at texel (x, y) of the light; -1 beyond the surface. */
+/* The code of the height that the slice sees at texel (x, y) of the light; -1 beyond the surface.
+ */
 static float code_at(depth_mixer *m, uint32_t slice, float x, float y) {
   if (!(x >= -0.5f && y >= -0.5f && x <= m->u_end && y <= m->v_end)) return -1;
   const uint8_t *t[4];
@@ -144,7 +152,8 @@ static float height_of(const depth_mixer *m, float code) {
   return m->unit * code / (256 - code);
 }
 
-static void add_light(depth_mixer *m, uint32_t slice, float x, float y, float weight, float rgb[3]) {
+static void add_light(depth_mixer *m, uint32_t slice, float x, float y, float weight,
+                      float rgb[3]) {
   const uint8_t *t[4];
   float fx, fy;
   find_texels(&m->light, slice, x, y, t, &fx, &fy);
@@ -163,10 +172,10 @@ typedef struct {
 } neighbour;
 
 typedef struct {
-  float x, y;          /* texel */
-  float qx, qy;        /* slopes, texels a unit of height */
-  float i, j;          /* place among the slices, S and T */
-  neighbour near[16];  /* the cell's four slices first */
+  float x, y;         /* texel */
+  float qx, qy;       /* slopes, texels a unit of height */
+  float i, j;         /* place among the slices, S and T */
+  neighbour near[16]; /* that of most weight first */
   int near_count;
 } ray;
 
@@ -195,13 +204,15 @@ static void add_neighbours(const depth_mixer *m, ray *r, int reach) {
     for (int i = i0 + 1 - reach; i <= i0 + reach; i++) {
       if (reach == 2 && i >= i0 && i <= i0 + 1 && j >= j0 && j <= j0 + 1) continue;
       if (i < 0 || j < 0 || i >= (int)m->s_count || j >= (int)m->t_count) continue;
-      if (!slf_slice_exists(m->s_count, m->t_count, (uint32_t)i, (uint32_t)j)) continue;
+      const float *q = m->slopes[(uint32_t)i * m->t_count + (uint32_t)j];
+      if (isnan(q[0])) continue;
       float wide = 1.0f / (float)reach;
       float weight = fmaxf(1 - wide * fabsf((float)i - r->i), 0) *
                      fmaxf(1 - wide * fabsf((float)j - r->j), 0) * wide;
-      const float *q = m->slopes[(uint32_t)i * m->t_count + (uint32_t)j];
-      r->near[r->near_count++] = (neighbour){(uint32_t)i << 8 | (uint32_t)j, weight + 0.01f,
-                                             q[0] - r->qx, q[1] - r->qy};
+      neighbour n = {(uint32_t)i << 8 | (uint32_t)j, weight + 0.01f, q[0] - r->qx, q[1] - r->qy};
+      r->near[r->near_count] = n;
+      if (n.weight > r->near[0].weight) r->near[r->near_count] = r->near[0], r->near[0] = n;
+      r->near_count++;
     }
 }
 
@@ -217,10 +228,11 @@ static float agreement(float off) {
 }
 
 /* Where the ray meets what the slice sees: along the ray the point at height h is seen at p + h d.
- * As long as the slice sees something higher there, the point is in the open; where it sees something
- * lower, the point is behind that. From the open to behind in a step without an edge is a hit. */
+ * As long as the slice sees something higher there, the point is in the open; where it sees
+ * something lower, the point is behind that. From the open to behind in a step without an edge is a
+ * hit. */
 static float meet(depth_mixer *m, const ray *r, const neighbour *n) {
-  float d = fmaxf(fabsf(n->dx), fabsf(n->dy)), step = 1 / fmaxf(d, 1e-3f), h = 0;
+  float d = fmaxf(fabsf(n->dx), fabsf(n->dy)), step = STEP_TEXELS / fmaxf(d, 1e-3f), h = 0;
   float code = code_at(m, n->slice, r->x, r->y), last_code = code, last_open = 1;
   for (int k = 0; k < MAX_STEPS && code >= 0; k++) {
     float seen = height_of(m, code), open = seen - h;
@@ -256,12 +268,13 @@ static float find_height(depth_mixer *m, const ray *r, float *score) {
   for (int k = 0; k < r->near_count; k++) {
     float h = meet(m, r, &r->near[k]);
     bool known = h < 0;
-    for (int i = 0; i < count && !known; i++) known = fabsf(heights[i] - h) < 0.3f * tolerance(m, h);
+    for (int i = 0; i < count && !known; i++)
+      known = fabsf(heights[i] - h) < 0.3f * tolerance(m, h);
     if (known) continue;
     heights[count] = h;
     scores[count] = judge(m, r, h);
     if (scores[count] > best) best = scores[count];
-    count++;
+    if (scores[count++] > all_agree) break;
   }
   for (int i = 0; i < count; i++)
     if (scores[i] >= 0.5f * best && heights[i] < lowest) lowest = heights[i];
@@ -299,37 +312,73 @@ static void mix_four_tap(depth_mixer *m, ray *r, float rgb[3]) {
   for (int k = 0; k < 3; k++) rgb[k] /= sum;
 }
 
-static void mix_texel(depth_mixer *m, float x, float y, float S, float T, float rgb[3]) {
-  ray r = make_ray(m, x, y, S, T);
-  m->counts.texel_count++;
+/* Returns the height that was found, -1 for none. */
+static float mix_texel(depth_mixer *m, ray *r, float rgb[3]) {
   for (int reach = 1; reach <= 2; reach++) {
     float score;
-    add_neighbours(m, &r, reach);
-    float h = find_height(m, &r, &score);
+    if (reach == 2) add_neighbours(m, r, reach);
+    float h = find_height(m, r, &score);
     if (score < (reach == 1 ? 0.15f : 0.01f)) continue;
     m->counts.wide_count += reach == 2;
-    if (mix_at(m, &r, h, rgb) > 0) return;
+    if (mix_at(m, r, h, rgb) > 0) return h;
   }
   m->counts.four_tap_count++;
-  mix_four_tap(m, &r, rgb);
+  mix_four_tap(m, r, rgb);
+  return -1;
 }
 
 /* ---- Blocks of texels --------------------------------------------------------------------------
  */
 
+static ray ray_of_texel(const depth_mixer *m, uint32_t block_u, uint32_t block_v,
+                        const block_directions *directions, uint32_t k) {
+  float x = ((float)(8 * block_u + k % 8) + 0.5f) * m->texel_u;
+  float y = ((float)(8 * block_v + k / 8) + 0.5f) * m->texel_v;
+  ray r = make_ray(m, x, y, directions->s[k], directions->t[k]);
+  add_neighbours(m, &r, 1);
+  return r;
+}
+
+static void put_texel(uint16_t *out, size_t row_nbytes, uint32_t k, const float rgb[3]) {
+  uint16_t *texel = (uint16_t *)((uint8_t *)out + k / 8 * row_nbytes) + k % 8 * 4;
+  for (int a = 0; a < 3; a++) texel[a] = half_from_float(rgb[a]);
+  texel[3] = HALF_ONE;
+}
+
+/* A height near *guess that all slices around agree on gives the texel, and becomes *guess; false
+ * if there is none. */
+static bool mix_near(depth_mixer *m, const ray *r, float *guess, float rgb[3]) {
+  const neighbour *n = &r->near[0];
+  float h = *guess;
+  for (int i = 0; i < 2; i++) {
+    float code = code_at(m, n->slice, r->x + h * n->dx, r->y + h * n->dy);
+    if (code < 0) return false;
+    h = height_of(m, code);
+  }
+  bool near = fabsf(h - *guess) < 4 * tolerance(m, h);
+  *guess = h;
+  return near && mix_at(m, r, h, rgb) > all_agree;
+}
+
+/* Heights change slowly but at edges: the texel to the left foretells a texel's, or the one above.
+ * Where a thing ends, slices on either side of the ray see past it or do not, so not all agree. */
 void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
                      const block_directions *directions, uint16_t *out, size_t row_nbytes) {
+  float heights[64];
   for (uint32_t k = 0; k < 64; k++) {
-    uint16_t *texel = (uint16_t *)((uint8_t *)out + k / 8 * row_nbytes) + k % 8 * 4;
+    float rgb[3], guess = k % 8 > 0 ? heights[k - 1] : k > 7 ? heights[k - 8] : -1;
+    heights[k] = -1;
     if (!(directions->mask >> k & 1)) {
-      memset(texel, 0, 8);
+      memset((uint8_t *)out + k / 8 * row_nbytes + k % 8 * 8, 0, 8);
       continue;
     }
-    float rgb[3], x = ((float)(8 * block_u + k % 8) + 0.5f) * m->texel_u;
-    float y = ((float)(8 * block_v + k / 8) + 0.5f) * m->texel_v;
-    mix_texel(m, x, y, directions->s[k], directions->t[k], rgb);
-    for (int a = 0; a < 3; a++) texel[a] = half_from_float(rgb[a]);
-    texel[3] = HALF_ONE;
+    ray r = ray_of_texel(m, block_u, block_v, directions, k);
+    m->counts.texel_count++;
+    if (guess >= 0 && mix_near(m, &r, &guess, rgb))
+      m->counts.foretold_count++, heights[k] = guess;
+    else
+      heights[k] = mix_texel(m, &r, rgb);
+    put_texel(out, row_nbytes, k, rgb);
   }
 }
 
@@ -356,6 +405,8 @@ depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
     for (uint32_t j = 0; j < m->t_count; j++) {
       double d[3];
       float *q = m->slopes[i * m->t_count + j];
+      q[0] = NAN;
+      if (!slf_slice_exists(m->s_count, m->t_count, i, j)) continue;
       slf_direction((i + 0.5) / m->s_count, (j + 0.5) / m->t_count, SLF_BAKED_N_MIN, d);
       q[0] = (scale[0] * (float)d[0] + scale[1] * (float)d[1]) / (float)d[2];
       q[1] = (scale[2] * (float)d[0] + scale[3] * (float)d[1]) / (float)d[2];

@@ -1,12 +1,12 @@
-/* depth_mix.h - the mix that knows how high above a flat surface the things are that it reflects: it
- * reads each slice where that sees the same point, so that mirrors stay mirrors.
+/* depth_mix.h - the mix that knows how high above a flat surface the things are that it reflects:
+ * it reads each slice where that sees the same point, so that mirrors stay mirrors.
  *
  * A ray leaves texel p with slopes q = (s, t) / n, in texels a unit of height, and what it reflects
  * lies at height h: over p - h q. Slice i sees that point at
  *     p_i = p + h (q_i - q),
  * if nothing in between hides it, and then its own height there is h. What the slices around (S,T)
- * say of h is weighed against each other: a slice that sees something lower is merely hidden and has
- * no say; one that looks further, through the point, proves that the point is not there.
+ * say of h is weighed against each other: a slice that sees something lower is merely hidden and
+ * has no say; one that looks further, through the point, proves that the point is not there.
  *
  * A mixer belongs to one thread at a time. */
 #ifndef DEPTH_MIX_H
@@ -22,8 +22,8 @@ typedef struct depth_mixer depth_mixer;
 bool flat_texel_scale(const slf_mesh *mesh, uint32_t u_count, uint32_t v_count, float scale[4]);
 
 /* For a layer of reflected radiance, its heights, and their blocks' sources, which must outlive it,
- * and must always give the same. `scale` is that of the reflected layer's texels. It mixes u_count x
- * v_count texels: more than the layer has are worth it, because neighbours read it further apart
+ * and must always give the same. `scale` is that of the reflected layer's texels. It mixes u_count
+ * x v_count texels: more than the layer has are worth it, because neighbours read it further apart
  * than its texels are, 1 + h / e times for an eye e above the surface. NULL if memory ran out. */
 depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
                                 const slf_layer *height, block_source heights, const float scale[4],
@@ -37,6 +37,7 @@ void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
 /* Counts since creation. */
 typedef struct {
   uint64_t texel_count;
+  uint64_t foretold_count; /* of them at a height near their neighbour's, on which all agree */
   uint64_t wide_count;     /* of them mixed from up to 16 slices: the four disagree */
   uint64_t four_tap_count; /* of them mixed the paper's way: no slice sees what the ray meets */
 } depth_mix_counts;

@@ -1,5 +1,6 @@
-/* The mix by depth against a light field in closed form: a mirror of 1 x 1 under a patterned ceiling,
- * with a bar hanging between. What is left is interpolation between texels and 8-bit codes. */
+/* The mix by depth against a light field in closed form: a mirror of 1 x 1 under a patterned
+ * ceiling, with a bar hanging between. What is left is interpolation between texels and 8-bit
+ * codes. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -14,8 +15,8 @@
 
 enum { TEXELS = 64, DIRECTIONS = 8, BLOCKS = TEXELS / 8 };
 
-/* Waves of 0.25 units, amplitude 0.2: between texels 1/64 apart, linear interpolation is off by at most
- * (1/64)^2 / 8 * 0.2 * (2 pi / 0.25)^2 * 2 axes = 0.0077 */
+/* Waves of 0.25 units, amplitude 0.2: between texels 1/64 apart, linear interpolation is off by at
+ * most (1/64)^2 / 8 * 0.2 * (2 pi / 0.25)^2 * 2 axes = 0.0077 */
 static const double wave = 2 * M_PI / 0.25, ceiling = 0.5, bar = 0.2, bar_from = 0.4, bar_to = 0.6;
 static const double height_unit = 0.5;
 
@@ -54,8 +55,8 @@ static void fetch(void *context, uint32_t block_u, uint32_t block_v, const slice
   slf_direction((i + 0.5) / DIRECTIONS, (j + 0.5) / DIRECTIONS, SLF_BAKED_N_MIN, d);
   m->turn = 1 - m->turn;
   for (uint32_t k = 0; k < 64; k++) {
-    hit h = reflect(m, (8 * block_u + k % 8 + 0.5) / TEXELS, (8 * block_v + k / 8 + 0.5) / TEXELS, d[0],
-                    d[1]);
+    hit h = reflect(m, (8 * block_u + k % 8 + 0.5) / TEXELS, (8 * block_v + k / 8 + 0.5) / TEXELS,
+                    d[0], d[1]);
     uint8_t code = m->of_height ? slf_code_from_height((float)h.height, (float)height_unit)
                                 : slf_srgb_from_linear((float)radiance(h));
     memset(m->blocks[m->turn] + 4 * k, code, 4);
@@ -69,11 +70,12 @@ typedef struct {
   depth_mix_counts counts;
 } difference;
 
-/* The whole mirror as an eye over its middle sees it, fineness x fineness texels a texel. Texels count
- * if what they reflect is clear of the bar's edges and seen by all slices around. */
+/* The whole mirror as an eye over its middle sees it, fineness x fineness texels a texel. Texels
+ * count if what they reflect is clear of the bar's edges and seen by all slices around. */
 static difference mix(bool has_bar, uint32_t fineness, double margin) {
   mirror light = {.has_bar = has_bar}, heights = {.has_bar = has_bar, .of_height = true};
-  slf_layer layer = {.u_count = TEXELS, .v_count = TEXELS, .s_count = DIRECTIONS, .t_count = DIRECTIONS};
+  slf_layer layer = {
+      .u_count = TEXELS, .v_count = TEXELS, .s_count = DIRECTIONS, .t_count = DIRECTIONS};
   slf_layer height = layer;
   height.height_unit = (float)height_unit;
   const float scale[4] = {TEXELS, 0, 0, TEXELS};
@@ -81,7 +83,7 @@ static difference mix(bool has_bar, uint32_t fineness, double margin) {
   uint32_t side = TEXELS * fineness;
   depth_mixer *m = depth_mixer_create(&layer, (block_source){fetch, &light}, &height,
                                       (block_source){fetch, &heights}, scale, side, side);
-  difference sum = {0, 0, 0, {0, 0, 0}};
+  difference sum = {0};
   assert_non_null(m);
   for (uint32_t block = 0; block < BLOCKS * BLOCKS * fineness * fineness; block++) {
     uint32_t block_u = block % (BLOCKS * fineness), block_v = block / (BLOCKS * fineness);
@@ -89,7 +91,8 @@ static difference mix(bool has_bar, uint32_t fineness, double margin) {
     uint16_t out[64 * 4];
     for (uint32_t k = 0; k < 64; k++) {
       double x = eye[0] - (8 * block_u + k % 8 + 0.5) / side;
-      double z = eye[2] - (8 * block_v + k / 8 + 0.5) / side, length = sqrt(x * x + z * z + eye[1] * eye[1]);
+      double z = eye[2] - (8 * block_v + k / 8 + 0.5) / side,
+             length = sqrt(x * x + z * z + eye[1] * eye[1]);
       d.s[k] = (float)(0.5 * (x / length + 1));
       d.t[k] = (float)(0.5 * (z / length + 1));
     }
@@ -119,8 +122,8 @@ static void flat_ceiling_is_exact(void **state) {
   (void)state;
   difference d = mix(false, 1, 0);
   assert_true(d.count > 1000);
-  /* 0.0077 of interpolation; 0.004 of 8-bit codes; heights' codes are exact to 1/512 of 0.5 units, which
-   * shifts the reading by less than 0.05 texel of slope 0.2 wave / 64: 0.004. */
+  /* 0.0077 of interpolation; 0.004 of 8-bit codes; heights' codes are exact to 1/512 of 0.5 units,
+   * which shifts the reading by less than 0.05 texel of slope 0.2 wave / 64: 0.004. */
   assert_true(d.worst < 0.016);
   assert_int_equal(d.counts.four_tap_count, 0);
 }
@@ -145,13 +148,15 @@ static void things_in_between_keep_their_edges(void **state) {
 
 static void four_taps_are_blurred_here(void **state) {
   (void)state;
-  /* The yardstick: at 0.5 units, slices 1/4 of the circle apart see points 1/8 units apart, half a wave. */
+  /* The yardstick: at 0.5 units, slices 1/4 of the circle apart see points 1/8 units apart, half a
+   * wave. */
   double worst = 0;
   mirror m = {.has_bar = false};
   for (int k = 0; k < 64; k++) {
     double a = radiance(reflect(&m, 0.5 + k / 256.0, 0.5, -0.125, 0.125));
     double b = radiance(reflect(&m, 0.5 + k / 256.0, 0.5, 0.125, 0.125));
-    worst = fmax(worst, fabs(0.5 * (a + b) - radiance(reflect(&m, 0.5 + k / 256.0, 0.5, 0, 0.125))));
+    worst =
+        fmax(worst, fabs(0.5 * (a + b) - radiance(reflect(&m, 0.5 + k / 256.0, 0.5, 0, 0.125))));
   }
   assert_true(worst > 0.15);
 }
@@ -159,7 +164,8 @@ static void four_taps_are_blurred_here(void **state) {
 static void directions_outside_are_held(void **state) {
   (void)state;
   mirror light = {.has_bar = false}, heights = {.of_height = true};
-  slf_layer layer = {.u_count = TEXELS, .v_count = TEXELS, .s_count = DIRECTIONS, .t_count = DIRECTIONS};
+  slf_layer layer = {
+      .u_count = TEXELS, .v_count = TEXELS, .s_count = DIRECTIONS, .t_count = DIRECTIONS};
   slf_layer height = layer;
   height.height_unit = (float)height_unit;
   const float scale[4] = {TEXELS, 0, 0, TEXELS};
