@@ -39,9 +39,9 @@ ALL_LDFLAGS = -pthread $(CONFIG_LDFLAGS.$(CONFIG)) $(LDFLAGS)
 DEPS := build/deps/build
 CHECK_DEPS := build/deps/check
 NEED.build.programs := gcc pkg-config povray
-NEED.build.modules := OpenEXR libpng libjpeg glfw3 osmesa egl gl
+NEED.build.modules := OpenEXR libpng libjpeg glfw3 osmesa egl gl stb
 NEED.build.packages := gcc libc6-dev pkg-config povray povray-includes libopenexr-dev libpng-dev \
-  libjpeg-dev libglfw3-dev libosmesa6-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri
+  libjpeg-dev libglfw3-dev libosmesa6-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri libstb-dev
 NEED.check.programs := clang clang-format idiff oiiotool xvfb-run xdotool import
 NEED.check.modules := cmocka
 NEED.check.packages := clang clang-format libclang-rt-14-dev openimageio-tools xvfb xauth xdotool \
