@@ -204,8 +204,8 @@ static void write_ini(FILE *out, const void *what) {
           e->name, e->name, e->frame_count - 1, e->width_px, e->height_px);
 }
 
-slf_result path_export_pov(const char *base_name, const camera_path *p, double frames_per_s, int width_px,
-                           int height_px, slf_error *error) {
+slf_result path_export_pov(const char *base_name, const camera_path *p, double frames_per_s,
+                           int width_px, int height_px, slf_error *error) {
   char file_name[4096];
   const char *slash = strrchr(base_name, '/');
   pov_export e = {p, slash ? slash + 1 : base_name, width_px, height_px,

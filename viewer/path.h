@@ -37,7 +37,7 @@ void view_print_pov(FILE *out, const slf_view *view, int width_px, int height_px
 
 /* For POV-Ray: base_name.inc, a camera along the path by `clock` from 0 to 1, to be included after
  * a scene's own camera, and base_name.ini, which renders it at frames_per_s. */
-slf_result path_export_pov(const char *base_name, const camera_path *p, double frames_per_s, int width_px,
-                           int height_px, slf_error *error);
+slf_result path_export_pov(const char *base_name, const camera_path *p, double frames_per_s,
+                           int width_px, int height_px, slf_error *error);
 
 #endif

@@ -1,26 +1,25 @@
 /* slfview - shows a .slf file in a window, or writes a picture of it. */
 #include <getopt.h>
 #include <math.h>
-#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "checked_file.h"
 #include "context.h"
 #include "draw.h"
 #include "image.h"
+#include "path.h"
 #include "window.h"
 
 enum { EXIT_USAGE = 2, BACKEND_AUTO = BACKEND_COUNT };
 
 static const char help[] =
-    "usage: slfview FILE.slf [options]\n"
+    "usage: slfview FILE.slf... [options]\n"
     "\n"
-    "Shows a surface light field. In the window: drag with the left button to orbit, with the\n"
-    "right one to look around, the wheel approaches, W A S D Q E walk, R resets, Escape ends.\n"
-    "On water the left button disturbs it; with shift it pushes a ball through it. Space pauses\n"
-    "the water, . is one step, X levels it, [ ] change the speed of waves and - = their damping,\n"
-    "F is Fresnel, N shows flat beside rippled, then slopes, P is rain.\n"
+    "Shows surface light fields. In the window: drag with the left button to orbit, with the "
+    "right\n"
+    "one to look around, the wheel approaches, W A S D walk, H shows all keys, Escape ends.\n"
     "\n"
     "  --output FILE.png   write a picture instead of opening a window\n"
     "  --size WxH          pixels (default 640x480)\n"
@@ -43,6 +42,14 @@ static const char help[] =
     "  --fps F             such pictures a second of water time (default 30)\n"
     "  --mask SURFACE      paint that surface white and everything else black\n"
     "  --dice N            polygons are diced to N texels (default 8)\n"
+    "  --detail N          angular level of detail: every 2^N-th slice along S and T (default 0)\n"
+    "  --exposure EV       radiance is multiplied by 2^EV (default 0)\n"
+    "  --tone-map          x / (1 + x): what is brighter than white stays distinct\n"
+    "  --scene \"FILE.pov [povray options]\"\n"
+    "                      the scene of the file, for comparison with POV-Ray (F5)\n"
+    "  --path FILE         a camera path to play (viewer/path.h); with --output its pictures\n"
+    "  --watch             reload the file when it is baked again\n"
+    "  --list-bindings     what keys and mouse do in the window\n"
     "  -h, --help          this text\n"
     "\n"
     "examples:\n"
@@ -54,7 +61,11 @@ static const char help[] =
     "          --output /tmp/pond-%03d.png\n";
 
 typedef struct {
-  const char *path, *output, *view_name, *mask, *ripple_script;
+  char *const *files; /* file_count of them; a picture is made of the first */
+  int file_count;
+  const char *path, *output, *view_name, *mask, *ripple_script, *scene, *path_file;
+  bool watch;
+  drawing_look look;
   slf_view camera;
   bool has_camera;
   int width_px, height_px, samples, frame_count; /* frame_count 0: one picture, at the end */
@@ -82,10 +93,10 @@ static bool read_count(const char *text, long low, long high, long *value) {
   return end != text && *end == 0 && *value >= low && *value <= high;
 }
 
-static bool read_rate(const char *text, double *value) {
+static bool read_number(const char *text, double low, double high, double *value) {
   char *end;
   *value = strtod(text, &end);
-  return end != text && *end == 0 && *value >= 1 && *value <= 1000;
+  return end != text && *end == 0 && *value >= low && *value <= high;
 }
 
 /* Where the one %d, %4d or %04d of a name begins, or NULL; *end is behind it. */
@@ -131,7 +142,14 @@ static int read_options(int argc, char **argv, options *o) {
     WATER,
     FRESNEL,
     FRAMES,
-    FPS
+    FPS,
+    DETAIL,
+    EXPOSURE,
+    TONE_MAP,
+    SCENE,
+    PATH,
+    WATCH,
+    LIST_BINDINGS
   };
   static const struct option known[] = {{"output", required_argument, NULL, OUTPUT},
                                         {"size", required_argument, NULL, SIZE},
@@ -146,16 +164,25 @@ static int read_options(int argc, char **argv, options *o) {
                                         {"fresnel", no_argument, NULL, FRESNEL},
                                         {"frames", required_argument, NULL, FRAMES},
                                         {"fps", required_argument, NULL, FPS},
+                                        {"detail", required_argument, NULL, DETAIL},
+                                        {"exposure", required_argument, NULL, EXPOSURE},
+                                        {"tone-map", no_argument, NULL, TONE_MAP},
+                                        {"scene", required_argument, NULL, SCENE},
+                                        {"path", required_argument, NULL, PATH},
+                                        {"watch", no_argument, NULL, WATCH},
+                                        {"list-bindings", no_argument, NULL, LIST_BINDINGS},
                                         {"dice", required_argument, NULL, DICE},
                                         {"help", no_argument, NULL, 'h'},
                                         {NULL, 0, NULL, 0}};
   long count;
+  double number;
   int code;
   *o = (options){.width_px = 640,
                  .height_px = 480,
                  .samples = 1,
                  .frames_per_s = 30,
                  .backend = BACKEND_AUTO,
+                 .look = {.anisotropic = true},
                  .drawing = {.cache_blocks = BLOCK_CACHE_DEFAULT, .dice_px = UV_DICE_PX}};
   opterr = 0;
   while ((code = getopt_long(argc, argv, ":h", known, NULL)) != -1) {
@@ -186,7 +213,7 @@ static int read_options(int argc, char **argv, options *o) {
       o->frame_count = (int)count;
       break;
     case FPS:
-      if (!read_rate(optarg, &o->frames_per_s))
+      if (!read_number(optarg, 1, 1000, &o->frames_per_s))
         return misuse("fps", optarg, "pictures a second, 1 to 1000");
       break;
     case SIZE:
@@ -218,6 +245,30 @@ static int read_options(int argc, char **argv, options *o) {
         return misuse("dice", optarg, "a number of texels, 1 to 16384");
       o->drawing.dice_px = (uint32_t)count;
       break;
+    case DETAIL:
+      if (!read_count(optarg, 0, 8, &count)) return misuse("detail", optarg, "a level, 0 to 8");
+      o->look.detail = (uint32_t)count;
+      break;
+    case EXPOSURE:
+      if (!read_number(optarg, -16, 16, &number))
+        return misuse("exposure", optarg, "stops, -16 to 16");
+      o->look.exposure_ev = (float)number;
+      break;
+    case TONE_MAP:
+      o->look.tone_map = true;
+      break;
+    case SCENE:
+      o->scene = optarg;
+      break;
+    case PATH:
+      o->path_file = optarg;
+      break;
+    case WATCH:
+      o->watch = true;
+      break;
+    case LIST_BINDINGS:
+      window_print_bindings(stdout);
+      exit(EXIT_SUCCESS);
     case 'h':
       fputs(help, stdout);
       exit(EXIT_SUCCESS);
@@ -229,18 +280,23 @@ static int read_options(int argc, char **argv, options *o) {
       return EXIT_USAGE;
     }
   }
-  if (optind != argc - 1) {
-    complain(NULL, "expected one FILE.slf; slfview --help shows how");
+  o->files = argv + optind;
+  o->file_count = argc - optind;
+  if (o->file_count < 1 || (o->output && o->file_count > 1)) {
+    complain(NULL, o->output ? "expected one FILE.slf with --output; slfview --help shows how"
+                             : "expected FILE.slf...; slfview --help shows how");
     return EXIT_USAGE;
   }
-  o->path = argv[optind];
+  o->path = o->files[0];
   if (o->output && o->backend == BACKEND_GLFW)
     return misuse("backend", "glfw", "egl or osmesa with --output");
   if (!o->output && (o->backend == BACKEND_EGL || o->backend == BACKEND_OSMESA))
     return misuse("backend", backend_names[o->backend], "glfw, or --output FILE.png");
   const char *end;
-  if (o->frame_count > 0 && (!o->output || !frame_number(o->output, &end)))
-    return misuse("output", o->output ? o->output : "", "a name with one %d or %04d for --frames");
+  if ((o->frame_count > 0 || (o->path_file && o->output)) &&
+      (!o->output || !frame_number(o->output, &end)))
+    return misuse("output", o->output ? o->output : "",
+                  "a name with one %d or %04d for --frames and --path");
   if (o->mask && !o->output) return misuse("mask", o->mask, "--output FILE.png beside it");
   return 0;
 }
@@ -287,37 +343,6 @@ static slf_result find_surface(const slf_file *file, const char *name, int *inde
   snprintf(error->message, sizeof error->message, "no surface '%.60s' among its %u", name,
            slf_surface_count(file));
   return SLF_ERROR_ARGUMENT;
-}
-
-/* ---- The check of the whole file, beside the drawing -------------------------------------------
- */
-
-typedef struct {
-  const slf_file *file;
-  const char *path;
-  pthread_t thread;
-  bool started;
-  slf_result result;
-  slf_error error;
-} file_check;
-
-static void *verify(void *context) {
-  file_check *check = context;
-  check->result = slf_verify(check->file, &check->error);
-  if (check->result != SLF_OK) complain(NULL, check->error.message);
-  return NULL;
-}
-
-static void start_check(file_check *check, const slf_file *file, const char *path) {
-  *check = (file_check){.file = file, .path = path};
-  check->started = pthread_create(&check->thread, NULL, verify, check) == 0;
-  if (!check->started) verify(check);
-}
-
-static slf_result finish_check(file_check *check) {
-  if (check->started) pthread_join(check->thread, NULL);
-  check->started = false;
-  return check->result;
 }
 
 /* ---- Picture and window ------------------------------------------------------------------------
@@ -376,13 +401,21 @@ static slf_result write_picture(const options *o, const slf_view *view, drawing 
   return image_write_png(path, p->reduced, o->width_px, o->height_px, error);
 }
 
+/* A camera path gives each picture its view, and how many there are. */
+static int picture_count(const options *o, const camera_path *flight) {
+  if (o->frame_count > 0 || flight->count == 0) return o->frame_count;
+  return (int)floor(path_end_s(flight) * o->frames_per_s) + 1;
+}
+
 static slf_result write_frames(const options *o, const slf_file *file, const slf_view *view,
-                               drawing *d, int mask, const picture *p, slf_error *error) {
+                               const camera_path *flight, drawing *d, int mask, const picture *p,
+                               slf_error *error) {
   const char *end, *number = frame_number(o->output, &end);
   const int digits = number[1] == 'd' ? 1 : atoi(number + 1);
   char path[4096];
   slf_result result = SLF_OK;
-  for (int i = 0; i < o->frame_count && result == SLF_OK; i++) {
+  const int count = picture_count(o, flight);
+  for (int i = 0; i < count && result == SLF_OK; i++) {
     const int length = snprintf(path, sizeof path, "%.*s%0*d%s", (int)(number - o->output),
                                 o->output, digits, i, end);
     if (length < 0 || (size_t)length >= sizeof path) {
@@ -391,14 +424,17 @@ static slf_result write_frames(const options *o, const slf_file *file, const slf
       return SLF_ERROR_ARGUMENT;
     }
     result = move_water(file, d, i / o->frames_per_s, error);
-    if (result == SLF_OK) result = write_picture(o, view, d, mask, p, path, error);
+    const slf_view at = flight->count ? path_at(flight, i / o->frames_per_s) : *view;
+    if (result == SLF_OK) result = write_picture(o, &at, d, mask, p, path, error);
   }
   return result;
 }
 
 static slf_result write_pictures(const options *o, const slf_file *file, const slf_view *view,
-                                 const ripple_script *script, file_check *check, slf_error *error) {
+                                 const ripple_script *script, checked_file *checked,
+                                 slf_error *error) {
   drawing *d = NULL;
+  camera_path flight = {0};
   const int width_px = o->width_px * o->samples, height_px = o->height_px * o->samples;
   int mask = -1;
   const picture p = {malloc((size_t)width_px * (size_t)height_px * 4),
@@ -413,14 +449,17 @@ static slf_result write_pictures(const options *o, const slf_file *file, const s
   if ((result = open_headless(o->backend, error)) != SLF_OK) goto done;
   if ((result = drawing_create(file, o->drawing, &d, error)) != SLF_OK) goto done;
   if ((result = prepare_water(o, file, d, script, error)) != SLF_OK) goto done;
-  if ((result = finish_check(check)) != SLF_OK) goto done; /* it has complained by itself */
-  if (o->frame_count > 0) {
-    result = write_frames(o, file, view, d, mask, &p, error);
+  drawing_set_look(d, &o->look);
+  if (o->path_file && (result = path_read(o->path_file, &flight, error)) != SLF_OK) goto done;
+  if ((result = checked_file_wait(checked, error)) != SLF_OK) goto done;
+  if (picture_count(o, &flight) > 0) {
+    result = write_frames(o, file, view, &flight, d, mask, &p, error);
   } else {
     result = move_water(file, d, script ? ripple_script_end_s(script) : 0, error);
     if (result == SLF_OK) result = write_picture(o, view, d, mask, &p, o->output, error);
   }
 done:
+  path_clear(&flight);
   drawing_free(d);
   context_close_egl();
   context_close_osmesa();
@@ -429,14 +468,35 @@ done:
   return result;
 }
 
-static slf_result show_window(const options *o, const slf_file *file, const slf_view *view,
-                              const ripple_script *script, slf_error *error) {
-  drawing *d = NULL;
+typedef struct {
+  const options *o;
+  const ripple_script *script;
+} window_water;
+
+static slf_result prepare_window(void *context, const slf_file *file, drawing *d,
+                                 slf_error *error) {
+  const window_water *x = context;
+  return prepare_water(x->o, file, d, x->script, error);
+}
+
+static slf_result show_window(const options *o, const slf_view *view, const ripple_script *script,
+                              checked_file *checked, slf_error *error) {
+  window_water water_options = {o, script};
+  const window_options shown = {.files = o->files,
+                                .file_count = o->file_count,
+                                .drawing = o->drawing,
+                                .look = o->look,
+                                .view = o->has_camera || o->view_name ? view : NULL,
+                                .scene = o->scene,
+                                .path_file = o->path_file,
+                                .watch = o->watch,
+                                .prepare = prepare_window,
+                                .context = &water_options};
   slf_result result = window_open(o->path, o->width_px, o->height_px, error);
-  if (result == SLF_OK) result = drawing_create(file, o->drawing, &d, error);
-  if (result == SLF_OK) result = prepare_water(o, file, d, script, error);
-  if (result == SLF_OK) result = window_run(d, view, error);
-  drawing_free(d);
+  if (result == SLF_OK)
+    result = window_run(&shown, checked, error);
+  else
+    checked_file_close(checked);
   window_close();
   return result;
 }
@@ -446,30 +506,22 @@ int main(int argc, char **argv) {
   int misused = read_options(argc, argv, &o);
   if (misused) return misused;
 
-  slf_file *file = NULL;
+  checked_file *checked = NULL;
   slf_error error = {{0}};
   slf_view view;
-  file_check check;
   ripple_script *script = NULL;
   slf_result result = SLF_OK;
   if (o.ripple_script) result = ripple_script_read(o.ripple_script, &script, &error);
-  if (result == SLF_OK) result = slf_open(o.path, &file, &error);
-  if (result != SLF_OK) {
-    ripple_script_free(script);
-    return complain(NULL, error.message);
+  if (result == SLF_OK) result = checked_file_open(o.path, &checked, &error);
+  if (result == SLF_OK && (result = choose_view(&o, checked_file_get(checked), &view, &error))) {
+    checked_file_close(checked);
+  } else if (result == SLF_OK && o.output) {
+    result = write_pictures(&o, checked_file_get(checked), &view, script, checked, &error);
+    checked_file_close(checked);
+  } else if (result == SLF_OK) {
+    result = show_window(&o, &view, script, checked, &error);
   }
-  result = choose_view(&o, file, &view, &error);
-  if (result != SLF_OK) {
-    slf_close(file);
-    ripple_script_free(script);
-    return complain(o.path, error.message);
-  }
-  start_check(&check, file, o.path);
-  result = o.output ? write_pictures(&o, file, &view, script, &check, &error)
-                    : show_window(&o, file, &view, script, &error);
-  bool check_failed = finish_check(&check) != SLF_OK;
   if (result != SLF_OK && error.message[0]) complain(NULL, error.message);
-  slf_close(file);
   ripple_script_free(script);
-  return result == SLF_OK && !check_failed ? EXIT_SUCCESS : EXIT_FAILURE;
+  return result == SLF_OK ? EXIT_SUCCESS : EXIT_FAILURE;
 }

@@ -1,15 +1,15 @@
 # The viewer. Its core needs no GL and is what the unit tests link; GLFW, EGL and OSMesa are loaded
 # at run time, their headers are needed to build.
 VIEWER_CORE_OBJECTS := $(addprefix $(OBJ)/viewer/,uv_mesh.o block_cache.o resample.o texture.o mipmap.o \
-  camera.o ripple.o ripple_script.o water.o pick.o)
+  camera.o path.o ripple.o ripple_script.o water.o pick.o)
 VIEWER_OBJECTS := $(VIEWER_CORE_OBJECTS) $(addprefix $(OBJ)/viewer/,gl_api.o context.o context_egl.o \
-  context_osmesa.o draw.o overlay.o image.o window.o water_input.o slfview.o)
+  context_osmesa.o checked_file.o draw.o overlay.o maps.o truth.o image.o window.o water_input.o slfview.o)
 
 # sqrtf becomes a vector instruction when it need not set errno, a conditional division a blend when
 # it need not trap. Neither changes a value.
 $(addprefix $(OBJ)/viewer/,resample.o texture.o water.o): PKG_CFLAGS := -fno-math-errno -fno-trapping-math
 $(OBJ)/viewer/overlay.o: PKG_CFLAGS = $(shell pkg-config --cflags stb)
-$(OBJ)/viewer/image.o: PKG_CFLAGS = $(shell pkg-config --cflags libpng)
+$(addprefix $(OBJ)/viewer/,image.o truth.o): PKG_CFLAGS = $(shell pkg-config --cflags libpng)
 $(OBJ)/viewer/window.o: PKG_CFLAGS = $(shell pkg-config --cflags glfw3)
 $(OBJ)/viewer/context_egl.o: PKG_CFLAGS = $(shell pkg-config --cflags egl)
 $(OBJ)/viewer/context_osmesa.o: PKG_CFLAGS = $(shell pkg-config --cflags osmesa)
