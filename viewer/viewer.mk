@@ -23,3 +23,5 @@ all: $(OUT)/slfview
 $(OUT)/bench/%: $(OBJ)/tests/bench/%.o $(VIEWER_CORE_OBJECTS) $(LIBSLF)
 	@mkdir -p $(@D)
 	$(call say,link,$@)$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lm -o $@
+# Tests of the window and of paths want a light field that needs no ray tracer.
+unit-suites: $(OUT)/bench/room

@@ -805,7 +805,7 @@ static void draw_overlays(void) {
                                        window.shown_surface, text, sizeof text, &width, &height);
     if (map) show_map(o, scale, map, width, height, text);
   }
-  if (window.statistics) {
+  if (window.statistics && !window.help) {
     describe_statistics(text, sizeof text);
     overlay_panel(o, 10 * scale, 10 * scale, text);
   }
