@@ -16,7 +16,7 @@ LIBSLF_OBJECTS += $(KERNEL_PARTS:%=$(OBJ)/codec/%.avx2.o)
 $(OBJ)/codec/kernel.o: PKG_CFLAGS = -DSLF_HAS_AVX2
 $(OBJ)/codec/%.avx2.o: codec/%.c $(OBJ)/flags | $(DEPS)
 	@mkdir -p $(@D)
-	$(call say,compile,$<)$(CC) $(ALL_CFLAGS) -mavx2 -mbmi -mbmi2 -mpopcnt -DSLF_KERNEL_AVX2 -MMD -MP -c $< -o $@
+	$(call say,compile,$<)$(CC) $(ALL_CFLAGS) -mavx2 -mtune=haswell -mbmi -mbmi2 -mpopcnt -DSLF_KERNEL_AVX2 -MMD -MP -c $< -o $@
 endif
 
 $(LIBSLF): $(LIBSLF_OBJECTS)

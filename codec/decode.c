@@ -24,25 +24,67 @@ static inline block_site site_of(const layer_stream *stream, uint32_t unit, uint
 typedef struct {
   const layer_stream *stream; /* NULL: none */
   uint64_t entry;
-  uint32_t next; /* number of the block at the cursor */
-  bit_cursor cursor;
+  uint32_t next;   /* number of the block at the reader */
+  bool has_levels; /* state.levels are those of block next - 1, which was not passed over */
+  bit_reader reader;
   entry_state state;
 } entry_reader;
 
 static inline void begin_at(entry_reader *r, const block_site *site, uint64_t bit) {
-  const block_stream *blocks = &site->stream->blocks;
   r->stream = site->stream;
   r->entry = site->entry;
   r->next = 0;
-  r->cursor = (bit_cursor){blocks->bytes, bit, (blocks->nbytes - STREAM_PAD_NBYTES) * 8};
+  r->has_levels = false;
+  reader_begin(&r->reader, &site->stream->blocks, bit);
   entry_begin(&r->state);
+}
+
+/* Where the levels that a block leans on begin. */
+typedef struct {
+  uint32_t number;
+  bit_reader reader;
+  int16_t intra_dc[3];
+} anchor_mark;
+
+/* Passes over blocks up to `number`, or if that leans on them, back to the one it stands on. */
+static bool skip_to(entry_reader *r, uint32_t number) {
+  const block_tables *tables = r->stream->tables;
+  anchor_mark mark = {0};
+  bool marked = false;
+  while (r->next < number) {
+    anchor_mark here = {r->next, r->reader, {0}};
+    memcpy(here.intra_dc, r->state.intra_dc, sizeof here.intra_dc);
+    bool leans;
+    if (!block_skip(tables, &r->reader, &r->state, &leans)) return false;
+    if (!leans) {
+      mark = here;
+      marked = true;
+    }
+    r->next++;
+    r->has_levels = false;
+  }
+  if (marked && block_leans_on_previous(tables, &r->reader)) {
+    r->next = mark.number;
+    r->reader = mark.reader;
+    memcpy(r->state.intra_dc, mark.intra_dc, sizeof mark.intra_dc);
+  }
+  return true;
 }
 
 /* Reads up to a block; a damaged entry ends early, with what was read. */
 static inline void read_up_to(entry_reader *r, const block_site *site) {
+  /* One block on, with its predecessor's levels at hand: just read it. */
+  if (!(r->has_levels || site->number == 0) || r->next != site->number) {
+    if (!skip_to(r, site->number)) {
+      r->stream = NULL;
+      memset(r->state.levels, 0, sizeof r->state.levels);
+      return;
+    }
+  }
   while (r->next <= site->number) {
     uint32_t number = r->next++;
-    if (!block_parse(site->stream->tables, &r->cursor, number, number % site->slice_count == 0,
+    r->has_levels = true;
+    if (!block_parse(site->stream->tables, &r->reader, number, number % site->slice_count == 0,
                      &r->state)) {
       r->stream = NULL;
       return;
@@ -404,6 +446,7 @@ static void decode_batch(const layer_state *layer, const slf_block_address *addr
 const kernel KERNEL(kernel) = {.name = SLF_KERNEL_NAME,
                                .check_stream = stream_check,
                                .find = stream_find,
+                               .begin = reader_begin,
                                .parse = block_parse,
                                .inverse_dct = inverse_dct,
                                .plain_inverse_dct = plain_inverse_dct,
