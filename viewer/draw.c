@@ -207,16 +207,16 @@ static bool upload_matte(const drawing *d, uint32_t surface, uint32_t layer_inde
 }
 
 /* A shiny flat surface that the file marks so. */
-static slf_result create_water(drawing *d, uint32_t index, slf_error *error) {
+static slf_result create_water(drawing *d, uint32_t index, uint32_t cells, slf_error *error) {
   const slf_surface *surface = slf_get_surface(d->file, index);
   if (!(surface->flags & SLF_SURFACE_WATER) || surface->layer_count == 0) return SLF_OK;
   if (d->surfaces[index].layers[0].matte) return SLF_OK;
   const slf_layer *shape = &surface->layers[0];
-  return water_create(d->file, index, shape->u_count, shape->v_count, 0, &d->surfaces[index].water,
-                      error);
+  return water_create(d->file, index, shape->u_count, shape->v_count, cells,
+                      &d->surfaces[index].water, error);
 }
 
-static bool create_surface(drawing *d, uint32_t index, uint32_t dice_px) {
+static bool create_surface(drawing *d, uint32_t index, const drawing_options *o) {
   const slf_surface *surface = slf_get_surface(d->file, index);
   drawn_surface *s = &d->surfaces[index];
   s->layers = calloc(surface->layer_count + (size_t)1, sizeof *s->layers);
@@ -231,9 +231,9 @@ static bool create_surface(drawing *d, uint32_t index, uint32_t dice_px) {
       if (!upload_matte(d, index, k, shape)) return false;
       continue;
     }
-    if (!texture_create(&layer->texels, &surface->mesh, shape,
-                        block_cache_layer(d->cache, index, k), dice_px))
-      return false;
+    const block_source source =
+        o->source ? o->source(o->source_context, index, k) : block_cache_layer(d->cache, index, k);
+    if (!texture_create(&layer->texels, &surface->mesh, shape, source, o->dice_px)) return false;
     upload_nothing(&layer->texels);
   }
   return true;
@@ -279,9 +279,9 @@ slf_result drawing_create(const slf_file *file, drawing_options options, drawing
   if (!d->cache || !d->surfaces) goto out_of_memory;
   d->surface_count = slf_surface_count(file);
   for (uint32_t i = 0; i < d->surface_count; i++)
-    if (!create_surface(d, i, options.dice_px)) goto out_of_memory;
+    if (!create_surface(d, i, &options)) goto out_of_memory;
   for (uint32_t i = 0; i < d->surface_count; i++)
-    if ((result = create_water(d, i, error)) != SLF_OK) goto refused;
+    if ((result = create_water(d, i, options.water_cells, error)) != SLF_OK) goto refused;
   bound_scene(d);
   *out = d;
   return SLF_OK;

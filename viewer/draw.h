@@ -13,6 +13,10 @@ typedef struct drawing drawing;
 typedef struct {
   size_t cache_blocks; /* N of the block cache */
   uint32_t dice_px;
+  uint32_t water_cells; /* as in water_create */
+  /* Where to get blocks instead of the cache, for measuring; NULL for the cache. */
+  block_source (*source)(void *context, uint32_t surface_index, uint32_t layer_index);
+  void *source_context;
 } drawing_options;
 
 /* How radiance becomes a picture. */

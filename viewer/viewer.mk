@@ -19,6 +19,11 @@ $(OUT)/slfview: $(VIEWER_OBJECTS) $(LIBSLF)
 
 all: $(OUT)/slfview
 
+# The pond's bench draws.
+$(OUT)/bench/pond: $(OBJ)/tests/bench/pond.o $(filter-out %/slfview.o,$(VIEWER_OBJECTS)) $(LIBSLF)
+	@mkdir -p $(@D)
+	$(call say,link,$@)$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lpng -ldl -lm -o $@
+
 # Programs of tests/bench: they link what the unit tests link.
 $(OUT)/bench/%: $(OBJ)/tests/bench/%.o $(VIEWER_CORE_OBJECTS) $(LIBSLF)
 	@mkdir -p $(@D)
