@@ -15,7 +15,7 @@ build/report/%: build/obj/tests/report/%.o $(filter-out %/slfview.o %/window.o,$
 .PHONY: report report-scenes
 report: all $(REPORT_PYTHON) $(REPORT_PROGRAMS) build/bench/viewer build/bench/room | $(CHECK_DEPS) ## Speed against error: build/report/index.html (QUALITY=paper for the paper's sizes)
 	$(REPORT_PYTHON) tests/report/measure.py --quality $(QUALITY)
-	$(REPORT_PYTHON) tests/report/page.py --quality $(QUALITY)
+	$(REPORT_PYTHON) tests/report/page.py
 report-scenes: all $(REPORT_PYTHON) $(REPORT_PROGRAMS) | $(CHECK_DEPS) ## The table of scenes alone: build/report/scenes.md
 	$(REPORT_PYTHON) tests/report/measure.py --quality $(QUALITY) --only scenes
-	$(REPORT_PYTHON) tests/report/page.py --quality $(QUALITY) --only scenes
+	$(REPORT_PYTHON) tests/report/page.py --only scenes
