@@ -10,8 +10,10 @@
 #include <unistd.h>
 
 #include <cmocka.h>
+#include <malloc.h>
 
 #include "viewer/block_cache.h"
+#include "viewer/half.h"
 #include "viewer/texture.h"
 
 enum { TEXELS = 44, DIRECTIONS = 12 }; /* not a multiple of 8: blocks hang over the edge */
@@ -213,11 +215,64 @@ static void test_random_fetches(void **state) {
   }
 }
 
+static float any(float scale) {
+  return scale * (2 * (float)rand() / (float)RAND_MAX - 1);
+}
+
+/* 10,000 cameras anywhere: inside, behind, on the plane itself, at vertices, at 1e6. Every texel of
+ * every level is radiance of the file or nothing, and nothing is allocated on the way. */
+static void test_flight(void **state) {
+  (void)state;
+  block_cache *cache = block_cache_create(file, 200);
+  const slf_surface *surface = slf_get_surface(file, 0);
+  texture x;
+  assert_true(texture_create(&x, &surface->mesh, &surface->layers[0],
+                             block_cache_layer(cache, 0, 0), UV_DICE_PX));
+  srand(4);
+  size_t made = 0, allocated = 0;
+  for (int frame = 0; frame < 10000; frame++) {
+    static const float scales[] = {1, 1e-3f, 30, 1e6f};
+    float scale = scales[frame % 4];
+    slf_view view = {.location = {0.5f + any(scale), any(scale), 0.5f + any(scale)},
+                     .look_at = {any(2), any(2), any(2)},
+                     .angle_deg = 90 + any(89)};
+    if (frame % 5 == 0) view.location[1] = 0;
+    if (frame % 7 == 0) memcpy(view.location, view.look_at, sizeof view.location);
+    if (frame % 11 == 0) memset(view.location, 0, sizeof view.location);
+    camera c = camera_of_view(&view, 4, 3);
+    block_cache_begin_frame(cache);
+    texture_update(&x, &c, (direction_bend){0});
+    texture_make_levels(&x);
+    made += x.made_count;
+    for (uint32_t level = 0; level < x.level_count; level++)
+      for (uint32_t v = 0; v < x.levels[level].height; v++) {
+        const uint16_t *texel = (const uint16_t *)((const uint8_t *)x.levels[level].texels +
+                                                   v * x.levels[level].row_nbytes);
+        /* Halves above 1 (the brightest code, and room for the mean's rounding) or NaN are larger
+         * integers than 0x3c01; a colour is premultiplied, so never above its alpha by more. */
+        for (uint32_t i = 0; i < 4 * x.levels[level].width; i++) {
+          assert_true(texel[i] <= HALF_ONE + 1);
+          if (i % 4 == 3 && level == 0) assert_true(texel[i] == 0 || texel[i] == HALF_ONE);
+          if (i % 4 != 3)
+            assert_true(float_from_half(texel[i]) <= float_from_half(texel[i | 3]) * 1.002f);
+        }
+      }
+    assert_true(block_cache_resident(cache) <= 200 + 2 * BLOCK_MAX_SLICES);
+    if (frame == 100) allocated = mallinfo2().uordblks;
+  }
+  /* Under the address sanitizer mallinfo2 gives zeros, and its leak check does this work. */
+  assert_int_equal(mallinfo2().uordblks, allocated);
+  assert_true(made > 10000); /* many of them saw something */
+  texture_free(&x);
+  block_cache_free(cache);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_any_capacity_gives_the_same_bytes),
       cmocka_unit_test(test_counts_of_a_frame_and_the_map),
       cmocka_unit_test(test_random_fetches),
+      cmocka_unit_test(test_flight),
   };
   return cmocka_run_group_tests(tests, write_file, remove_file);
 }
