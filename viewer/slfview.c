@@ -56,8 +56,8 @@ static const char help[] =
     "  slfview build/floor.slf\n"
     "  slfview build/floor.slf --output floor.png --size 1280x720 --samples 4\n"
     "  slfview build/floor.slf --output top.png --camera 0,5,0.1,0,0,0,60 --backend egl\n"
-    "  slfview build/pond.slf --ripple-script scenes/pond/demo.ripples\n"
-    "  slfview build/pond.slf --ripple-script scenes/pond/demo.ripples --frames 300 \\\n"
+    "  slfview build/pond.slf --ripple-script viewer/demo.ripples\n"
+    "  slfview build/pond.slf --ripple-script viewer/demo.ripples --frames 300 \\\n"
     "          --output /tmp/pond-%03d.png\n";
 
 typedef struct {

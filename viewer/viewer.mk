@@ -19,6 +19,10 @@ $(OUT)/slfview: $(VIEWER_OBJECTS) $(LIBSLF)
 
 all: $(OUT)/slfview
 
+demo: all ## Bake the pond at preview size and show it; without a display, film it to build/demo
+	$(MAKE) --no-print-directory bake SCENE=pond
+	@viewer/demo $(OUT)/slfview build/pond.slf
+
 # The pond's bench draws.
 $(OUT)/bench/pond: $(OBJ)/tests/bench/pond.o $(filter-out %/slfview.o,$(VIEWER_OBJECTS)) $(LIBSLF)
 	@mkdir -p $(@D)
