@@ -812,10 +812,10 @@ static void draw_overlays(void) {
   if (window.help) show_help(o, scale);
   if (window.recording) {
     snprintf(text, sizeof text, "recording %.1f s", window.path_time_s);
-    overlay_panel(o, 10 * scale, (float)window.height_px - 60 * scale, text);
+    overlay_panel(o, 10 * scale, (float)window.height_px - 86 * scale, text);
   }
   if (glfw.call.glfwGetTime() < window.message_until_s)
-    overlay_panel(o, 10 * scale, (float)window.height_px - 34 * scale, window.message);
+    overlay_panel(o, 10 * scale, (float)window.height_px - 60 * scale, window.message);
   overlay_finish(o);
 }
 

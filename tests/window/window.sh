@@ -19,8 +19,8 @@ wait_for() { # COMMAND...: until it holds, 20 s at most: slow machines
 shot() { sleep 0.4; import -window "$id" "$out/$1.png"; } # a few frames, drawn in software
 differ() { [ "$(compare -metric AE "$out/$1.png" "$out/$2.png" null: 2>&1)" -gt "${3:-500}" ]; }
 same() { [ "$(compare -metric AE "$out/$1.png" "$out/$2.png" null: 2>&1)" -eq 0 ]; }
-same_above() { # without the lowest 40 rows, where messages are
-  for i in "$1" "$2"; do convert "$out/$i.png" -gravity south -chop 0x40 "$out/$i-above.png"; done
+same_above() { # without the lowest 64 rows, where messages are
+  for i in "$1" "$2"; do convert "$out/$i.png" -gravity south -chop 0x64 "$out/$i-above.png"; done
   same "$1-above" "$2-above"
 }
 key() { xdotool key "$@"; }
