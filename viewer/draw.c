@@ -409,6 +409,12 @@ drawing_look drawing_get_look(const drawing *d) {
   return d->look;
 }
 
+bool drawing_is_software(const drawing *d) {
+  (void)d;
+  const char *renderer = (const char *)gl.GetString(GL_RENDERER);
+  return renderer && (strstr(renderer, "llvmpipe") || strstr(renderer, "softpipe"));
+}
+
 drawing_cost drawing_get_cost(const drawing *d) {
   return d->cost;
 }
@@ -468,6 +474,11 @@ void drawing_read(drawing *d, uint8_t *rgba) {
       b[i] = swap;
     }
   }
+}
+
+void drawing_finish(drawing *d) {
+  (void)d;
+  gl.Finish();
 }
 
 void drawing_show(drawing *d, int width_px, int height_px) {

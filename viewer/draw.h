@@ -50,12 +50,16 @@ slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int he
 
 /* The picture rendered last: height_px rows of width_px R G B A from the top, display code. */
 void drawing_read(drawing *d, uint8_t *rgba);
+/* Waits until it is drawn. */
+void drawing_finish(drawing *d);
 /* Shows it in the window's framebuffer of that size. */
 void drawing_show(drawing *d, int width_px, int height_px);
 
 block_cache *drawing_cache(drawing *d);
 const slf_file *drawing_file(const drawing *d);
 drawing_cost drawing_get_cost(const drawing *d);
+/* Whether the driver draws on the processor. */
+bool drawing_is_software(const drawing *d);
 
 /* The water of a surface, moved and disturbed through water.h; NULL where the file marks none. */
 water *drawing_water(drawing *d, uint32_t surface_index);

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "checked_file.h"
 #include "context.h"
@@ -49,6 +50,11 @@ static const char help[] =
     "                      the scene of the file, for comparison with POV-Ray (F5)\n"
     "  --path FILE         a camera path to play (viewer/path.h); with --output its pictures\n"
     "  --watch             reload the file when it is baked again\n"
+    "  --bench N           draw N frames along the path, or in orbit by one degree each, without\n"
+    "                      writing them; print what a frame cost as one JSON object\n"
+    "  --filter NAME       trilinear, anisotropic or auto (default): anisotropic, but trilinear in "
+    "a\n"
+    "                      window that is drawn in software, where it is twice as fast\n"
     "  --list-bindings     what keys and mouse do in the window\n"
     "  -h, --help          this text\n"
     "\n"
@@ -64,11 +70,13 @@ typedef struct {
   char *const *files; /* file_count of them; a picture is made of the first */
   int file_count;
   const char *path, *output, *view_name, *mask, *ripple_script, *scene, *path_file;
+  const char *filter;
   bool watch;
   drawing_look look;
   slf_view camera;
   bool has_camera;
-  int width_px, height_px, samples, frame_count; /* frame_count 0: one picture, at the end */
+  int width_px, height_px, samples, frame_count,
+      bench_count; /* frame_count 0: one picture, at the end */
   double frames_per_s;
   bool fresnel;
   water_display display;
@@ -149,7 +157,9 @@ static int read_options(int argc, char **argv, options *o) {
     SCENE,
     PATH,
     WATCH,
-    LIST_BINDINGS
+    LIST_BINDINGS,
+    BENCH,
+    FILTER
   };
   static const struct option known[] = {{"output", required_argument, NULL, OUTPUT},
                                         {"size", required_argument, NULL, SIZE},
@@ -171,6 +181,8 @@ static int read_options(int argc, char **argv, options *o) {
                                         {"path", required_argument, NULL, PATH},
                                         {"watch", no_argument, NULL, WATCH},
                                         {"list-bindings", no_argument, NULL, LIST_BINDINGS},
+                                        {"bench", required_argument, NULL, BENCH},
+                                        {"filter", required_argument, NULL, FILTER},
                                         {"dice", required_argument, NULL, DICE},
                                         {"help", no_argument, NULL, 'h'},
                                         {NULL, 0, NULL, 0}};
@@ -182,7 +194,7 @@ static int read_options(int argc, char **argv, options *o) {
                  .samples = 1,
                  .frames_per_s = 30,
                  .backend = BACKEND_AUTO,
-                 .look = {.anisotropic = true},
+                 .filter = "auto",
                  .drawing = {.cache_blocks = BLOCK_CACHE_DEFAULT, .dice_px = UV_DICE_PX}};
   opterr = 0;
   while ((code = getopt_long(argc, argv, ":h", known, NULL)) != -1) {
@@ -266,6 +278,15 @@ static int read_options(int argc, char **argv, options *o) {
     case WATCH:
       o->watch = true;
       break;
+    case BENCH:
+      if (!read_count(optarg, 1, 1000000, &count)) return misuse("bench", optarg, "1 to 1000000");
+      o->bench_count = (int)count;
+      break;
+    case FILTER:
+      if (strcmp(optarg, "auto") && strcmp(optarg, "trilinear") && strcmp(optarg, "anisotropic"))
+        return misuse("filter", optarg, "trilinear, anisotropic or auto");
+      o->filter = optarg;
+      break;
     case LIST_BINDINGS:
       window_print_bindings(stdout);
       exit(EXIT_SUCCESS);
@@ -288,9 +309,10 @@ static int read_options(int argc, char **argv, options *o) {
     return EXIT_USAGE;
   }
   o->path = o->files[0];
-  if (o->output && o->backend == BACKEND_GLFW)
-    return misuse("backend", "glfw", "egl or osmesa with --output");
-  if (!o->output && (o->backend == BACKEND_EGL || o->backend == BACKEND_OSMESA))
+  const bool headless = o->output || o->bench_count;
+  if (headless && o->backend == BACKEND_GLFW)
+    return misuse("backend", "glfw", "egl or osmesa with --output and --bench");
+  if (!headless && (o->backend == BACKEND_EGL || o->backend == BACKEND_OSMESA))
     return misuse("backend", backend_names[o->backend], "glfw, or --output FILE.png");
   const char *end;
   if ((o->frame_count > 0 || (o->path_file && o->output)) &&
@@ -430,6 +452,54 @@ static slf_result write_frames(const options *o, const slf_file *file, const slf
   return result;
 }
 
+/* A picture takes its time; a window in software should rather be quick. */
+static bool is_anisotropic(const options *o, const drawing *d, bool is_picture) {
+  if (!strcmp(o->filter, "auto")) return is_picture || !drawing_is_software(d);
+  return !strcmp(o->filter, "anisotropic");
+}
+
+static double now_s(void) {
+  struct timespec t;
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* Frames drawn and waited for one by one: what a frame costs in all, what of it is ours, what goes
+ * to handing textures over, and what the driver takes to draw. The first frame is not counted. */
+static slf_result bench(const options *o, const slf_file *file, const slf_view *view,
+                        const camera_path *flight, drawing *d, slf_error *error) {
+  slf_view at = *view;
+  double start_s = 0, resample_s = 0, upload_s = 0, texel_count = 0, decoded = 0;
+  for (int i = 0; i <= o->bench_count; i++) {
+    if (i == 1) start_s = now_s();
+    if (flight->count)
+      at = path_at(flight, path_end_s(flight) * i / o->bench_count);
+    else
+      view_orbit(&at, (float)M_PI / 180, 0);
+    slf_result result = move_water(file, d, i / o->frames_per_s, error);
+    if (result == SLF_OK)
+      result =
+          drawing_render(d, &at, o->width_px * o->samples, o->height_px * o->samples, -1, error);
+    if (result != SLF_OK) return result;
+    drawing_finish(d);
+    drawing_cost cost = drawing_get_cost(d);
+    if (i == 0) continue;
+    resample_s += cost.resample_s;
+    upload_s += cost.upload_s;
+    texel_count += (double)cost.texel_count;
+    decoded += (double)block_cache_get_counts(drawing_cache(d))->frame_decompressions;
+  }
+  double count = o->bench_count, frame_s = (now_s() - start_s) / count;
+  printf("{\n  \"width\": %d,\n  \"height\": %d,\n  \"frames\": %d,\n"
+         "  \"frames_per_s\": %.4g,\n  \"frame_ms\": %.4g,\n  \"resample_ms\": %.4g,\n"
+         "  \"upload_ms\": %.4g,\n  \"driver_ms\": %.4g,\n  \"texels_per_frame\": %.6g,\n"
+         "  \"decompressions_per_frame\": %.4g\n}\n",
+         o->width_px, o->height_px, o->bench_count, 1 / frame_s, frame_s * 1e3,
+         resample_s * 1e3 / count, upload_s * 1e3 / count,
+         (frame_s - (resample_s + upload_s) / count) * 1e3, texel_count / count, decoded / count);
+  return SLF_OK;
+}
+
 static slf_result write_pictures(const options *o, const slf_file *file, const slf_view *view,
                                  const ripple_script *script, checked_file *checked,
                                  slf_error *error) {
@@ -449,10 +519,14 @@ static slf_result write_pictures(const options *o, const slf_file *file, const s
   if ((result = open_headless(o->backend, error)) != SLF_OK) goto done;
   if ((result = drawing_create(file, o->drawing, &d, error)) != SLF_OK) goto done;
   if ((result = prepare_water(o, file, d, script, error)) != SLF_OK) goto done;
-  drawing_set_look(d, &o->look);
+  drawing_look look = o->look;
+  look.anisotropic = is_anisotropic(o, d, o->output != NULL);
+  drawing_set_look(d, &look);
   if (o->path_file && (result = path_read(o->path_file, &flight, error)) != SLF_OK) goto done;
   if ((result = checked_file_wait(checked, error)) != SLF_OK) goto done;
-  if (picture_count(o, &flight) > 0) {
+  if (o->bench_count > 0) {
+    result = bench(o, file, view, &flight, d, error);
+  } else if (picture_count(o, &flight) > 0) {
     result = write_frames(o, file, view, &flight, d, mask, &p, error);
   } else {
     result = move_water(file, d, script ? ripple_script_end_s(script) : 0, error);
@@ -476,6 +550,9 @@ typedef struct {
 static slf_result prepare_window(void *context, const slf_file *file, drawing *d,
                                  slf_error *error) {
   const window_water *x = context;
+  drawing_look look = drawing_get_look(d);
+  look.anisotropic = is_anisotropic(x->o, d, false);
+  drawing_set_look(d, &look);
   return prepare_water(x->o, file, d, x->script, error);
 }
 
@@ -515,7 +592,7 @@ int main(int argc, char **argv) {
   if (result == SLF_OK) result = checked_file_open(o.path, &checked, &error);
   if (result == SLF_OK && (result = choose_view(&o, checked_file_get(checked), &view, &error))) {
     checked_file_close(checked);
-  } else if (result == SLF_OK && o.output) {
+  } else if (result == SLF_OK && (o.output || o.bench_count)) {
     result = write_pictures(&o, checked_file_get(checked), &view, script, checked, &error);
     checked_file_close(checked);
   } else if (result == SLF_OK) {

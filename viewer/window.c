@@ -170,8 +170,10 @@ static slf_result show_file(checked_file *file, bool keep_view, slf_error *error
   drawing *d = NULL;
   const slf_file *f = checked_file_get(file);
   slf_result result = drawing_create(f, window.options->drawing, &d, error);
+  if (result == SLF_OK) drawing_set_look(d, &window.look);
   if (result == SLF_OK && window.options->prepare)
     result = window.options->prepare(window.options->context, f, d, error);
+  if (result == SLF_OK) window.look = drawing_get_look(d);
   if (result != SLF_OK) {
     drawing_free(d);
     return result;

@@ -17,7 +17,8 @@ typedef struct {
   const char *scene;     /* for the comparison with POV-Ray, see truth.h; may be NULL */
   const char *path_file; /* a camera path to begin with, see path.h; may be NULL */
   bool watch;            /* reload a file that was baked again */
-  /* Called for each drawing that is made, for what the window does not know of; may be NULL. */
+  /* Called for each drawing that is made, for what the window does not know of: water, and what
+   * filter suits the driver. May be NULL. */
   slf_result (*prepare)(void *context, const slf_file *file, drawing *d, slf_error *error);
   void *context;
 } window_options;

@@ -37,7 +37,7 @@ green() { # PICTURE: pixels of the cache map's green
 echo "1..25"
 build/bench/room 64 8 1 80 "$out/room.slf" && build/bench/room 32 4 1 80 "$out/small.slf" || exit 1
 slfview=$PWD/build/slfview
-( cd "$out" && rm -f slfview-* && exec "$slfview" room.slf small.slf --size 640x480 --watch ) \
+( cd "$out" && rm -f slfview-* && exec "$slfview" room.slf small.slf --size 640x480 --watch --filter anisotropic ) \
   > "$out/stdout" 2> "$out/stderr" & pid=$!
 wait_for xdotool search --name room.slf
 id=$(xdotool search --name room.slf | head -1)
