@@ -34,3 +34,7 @@ $(OUT)/bench/%: $(OBJ)/tests/bench/%.o $(VIEWER_CORE_OBJECTS) $(LIBSLF)
 	$(call say,link,$@)$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lm -o $@
 # Tests of the window and of paths want a light field that needs no ray tracer.
 unit-suites: $(OUT)/bench/room
+
+.PHONY: bench-viewer
+bench-viewer: $(addprefix $(OUT)/bench/,room viewer open) $(OUT)/slfview
+	@tests/bench/viewer.sh
