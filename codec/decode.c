@@ -49,21 +49,20 @@ typedef struct {
 /* Passes over blocks up to `number`, or if that leans on them, back to the one it stands on. */
 static bool skip_to(entry_reader *r, uint32_t number) {
   const block_tables *tables = r->stream->tables;
-  anchor_mark mark = {0};
-  bool marked = false;
+  /* Where nothing passed over is such a one, it is the block read last, whose levels are at hand.
+   */
+  anchor_mark mark = {r->next, r->reader, {0}};
+  memcpy(mark.intra_dc, r->state.intra_dc, sizeof mark.intra_dc);
   while (r->next < number) {
     anchor_mark here = {r->next, r->reader, {0}};
     memcpy(here.intra_dc, r->state.intra_dc, sizeof here.intra_dc);
     bool leans;
     if (!block_skip(tables, &r->reader, &r->state, &leans)) return false;
-    if (!leans) {
-      mark = here;
-      marked = true;
-    }
+    if (!leans) mark = here;
     r->next++;
     r->has_levels = false;
   }
-  if (marked && block_leans_on_previous(tables, &r->reader)) {
+  if (block_leans_on_previous(tables, &r->reader)) {
     r->next = mark.number;
     r->reader = mark.reader;
     memcpy(r->state.intra_dc, mark.intra_dc, sizeof mark.intra_dc);

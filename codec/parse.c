@@ -71,7 +71,8 @@ static inline bool parse_dc(const block_tables *tables, int code, bit_reader *r,
 
 /* A symbol that no table entry holds; refilled before. False if the channel cannot go on. */
 static __attribute__((noinline)) bool parse_long(const huffman_decoder *decoder, bit_reader *r,
-                                                 unsigned *k, int16_t *levels, bool *end) {
+                                                 bool skips, unsigned *k, int16_t *levels,
+                                                 bool *end) {
   unsigned bits, symbol = read_symbol(decoder, r, &bits), size = symbol & 15;
   int32_t level = 0;
   if (bits == 0) return false;
@@ -90,7 +91,7 @@ static __attribute__((noinline)) bool parse_long(const huffman_decoder *decoder,
   } else {
     return false;
   }
-  add_level(&levels[slf_zigzag[*k]], level);
+  if (!skips) add_level(&levels[slf_zigzag[*k]], level);
   return true;
 }
 
@@ -105,7 +106,7 @@ parse_ac(const block_tables *tables, int code, bit_reader *r, bool skips, int16_
     if (__builtin_expect(fast_taken(entry) == 0, 0)) {
       bool end = false;
       refill(r);
-      if (!parse_long(&tables->decoders[code], r, &k, levels, &end)) return false;
+      if (!parse_long(&tables->decoders[code], r, skips, &k, levels, &end)) return false;
       if (end) return true;
     } else {
       consume(r, fast_taken(entry));
