@@ -330,17 +330,12 @@ static void finish_block(decoder *d, const block_site *site, uint32_t s, uint32_
   if (u_block) channels_to_codes(channels, u_block);
 }
 
-/* Any existing block, in codes or channels; `bit` is where its entry begins, if it is known. */
-static void decode_at(decoder *d, uint32_t s, uint32_t t, uint64_t place, uint64_t bit,
-                      uint8_t *u_block, float channels[3][COEFFICIENTS]) {
+/* Any existing block, in codes or channels; site is its own, bit where its entry begins. */
+static void decode_at(decoder *d, uint32_t s, uint32_t t, uint64_t place, const block_site *site,
+                      uint64_t bit, uint8_t *u_block, float channels[3][COEFFICIENTS]) {
   static const entry_state nothing = {.ac_flags = 7};
   const layer_state *layer = d->layer;
-  if (layer->public.angular == SLF_ANGULAR_MOTION) {
-    decode_chain(layer, s, t, place, channels);
-    if (u_block) channels_to_codes(channels, u_block);
-    return;
-  }
-  if (layer_is_key(layer, s, t)) {
+  if (site->stream == &layer->streams[STREAM_KEYS]) {
     const fine_block *key = get_key(layer, layer_group(layer, s, t), place, &d->memo);
     const int16_t(*fine)[COEFFICIENTS] = (const int16_t(*)[COEFFICIENTS]) * key;
     if (u_block)
@@ -349,22 +344,22 @@ static void decode_at(decoder *d, uint32_t s, uint32_t t, uint64_t place, uint64
       levels_to_channels(layer, fine, &nothing, 0, channels);
     return;
   }
-  block_site site = site_of_slice(layer, s, t, place);
-  if (bit != UINT64_MAX &&
-      (d->rest.stream == NULL || d->rest.entry != site.entry || d->rest.next > site.number)) {
-    begin_at(&d->rest, &site, bit);
-    read_up_to(&d->rest, &site);
-  } else {
-    read_block(&d->rest, &site);
-  }
-  finish_block(d, &site, s, t, place, u_block, channels);
+  if (d->rest.stream == NULL || d->rest.entry != site->entry || d->rest.next > site->number)
+    begin_at(&d->rest, site, bit);
+  read_up_to(&d->rest, site);
+  finish_block(d, site, s, t, place, u_block, channels);
 }
 
 static void decode_channels(const layer_state *layer, uint32_t s, uint32_t t, uint64_t place,
                             float channels[3][COEFFICIENTS]) {
+  if (layer->public.angular == SLF_ANGULAR_MOTION) {
+    decode_chain(layer, s, t, place, channels);
+    return;
+  }
   decoder d;
   decoder_begin(&d, layer);
-  decode_at(&d, s, t, place, UINT64_MAX, NULL, channels);
+  block_site site = site_of_slice(layer, s, t, place);
+  decode_at(&d, s, t, place, &site, stream_find(&site.stream->blocks, site.entry), NULL, channels);
 }
 
 /* ---- Batches ------------------------------------------------------------------------------- */
@@ -375,68 +370,78 @@ enum { AHEAD_DIRECTORY = 12, AHEAD_SEGMENT = 8, AHEAD_BITS = 4, RING = 16 };
 
 typedef struct {
   block_site site;
-  uint64_t bit;
+  uint64_t place, bit;
   bool exists;
+  bool follows; /* in the entry of the block before */
 } pending_block;
 
-static bool block_exists(const layer_state *layer, slf_block_address a) {
-  const slf_layer *p = &layer->public;
-  return a.block_u < p->block_u_count && a.block_v < p->block_v_count &&
-         layer_has_slice(layer, a.s, a.t);
+static void make_pending(const layer_state *layer, slf_block_address a, const pending_block *before,
+                         pending_block *p) {
+  const slf_layer *l = &layer->public;
+  p->exists = a.block_u < l->block_u_count && a.block_v < l->block_v_count &&
+              layer_has_slice(layer, a.s, a.t);
+  p->follows = false;
+  if (!p->exists) return;
+  p->place = (uint64_t)a.block_v * l->block_u_count + a.block_u;
+  p->site = site_of_slice(layer, a.s, a.t, p->place);
+  p->follows = before && before->exists && before->site.stream == p->site.stream &&
+               before->site.entry == p->site.entry;
+  if (!p->follows) stream_prefetch_directory(&p->site.stream->blocks, p->site.entry);
 }
 
-static uint64_t place_of(const layer_state *layer, slf_block_address a) {
-  return (uint64_t)a.block_v * layer->public.block_u_count + a.block_u;
+static void find_pending(const pending_block *before, pending_block *p) {
+  const block_stream *blocks = &p->site.stream->blocks;
+  if (p->follows) {
+    p->bit = before->bit;
+    return;
+  }
+  p->bit = stream_find(blocks, p->site.entry);
+  __builtin_prefetch(blocks->bytes + p->bit / 8);
+  __builtin_prefetch(blocks->bytes + p->bit / 8 + 64);
 }
 
-static void look_ahead(const layer_state *layer, const slf_block_address *addresses, size_t count,
-                       size_t i, pending_block ring[RING]) {
-  if (i + AHEAD_DIRECTORY < count) {
-    size_t at = i + AHEAD_DIRECTORY;
-    pending_block *p = &ring[at % RING];
-    p->exists = block_exists(layer, addresses[at]);
-    if (p->exists) {
-      p->site =
-          site_of_slice(layer, addresses[at].s, addresses[at].t, place_of(layer, addresses[at]));
-      stream_prefetch_directory(&p->site.stream->blocks, p->site.entry);
-    }
+static inline void look_ahead(const layer_state *layer, const slf_block_address *addresses,
+                              size_t count, size_t i, pending_block ring[RING]) {
+  size_t far = i + AHEAD_DIRECTORY, middle = i + AHEAD_SEGMENT, near = i + AHEAD_BITS;
+  if (far < count)
+    make_pending(layer, addresses[far], far ? &ring[(far - 1) % RING] : NULL, &ring[far % RING]);
+  const pending_block *p = &ring[middle % RING];
+  if (middle < count && p->exists && !p->follows)
+    stream_prefetch_segment(&p->site.stream->blocks, p->site.entry);
+  if (near < count && ring[near % RING].exists)
+    find_pending(&ring[(near - 1) % RING], &ring[near % RING]);
+}
+
+static void decode_chained(const layer_state *layer, slf_block_address a, uint8_t *u_block) {
+  const slf_layer *l = &layer->public;
+  if (a.block_u >= l->block_u_count || a.block_v >= l->block_v_count ||
+      !layer_has_slice(layer, a.s, a.t)) {
+    memset(u_block, 0, SLF_BLOCK_NBYTES);
+    return;
   }
-  if (i + AHEAD_SEGMENT < count && ring[(i + AHEAD_SEGMENT) % RING].exists) {
-    const block_site *site = &ring[(i + AHEAD_SEGMENT) % RING].site;
-    stream_prefetch_segment(&site->stream->blocks, site->entry);
-  }
-  if (i + AHEAD_BITS < count && ring[(i + AHEAD_BITS) % RING].exists) {
-    pending_block *p = &ring[(i + AHEAD_BITS) % RING];
-    const block_stream *blocks = &p->site.stream->blocks;
-    p->bit = stream_find(blocks, p->site.entry);
-    __builtin_prefetch(blocks->bytes + p->bit / 8);
-    __builtin_prefetch(blocks->bytes + p->bit / 8 + 64);
-  }
+  float channels[3][COEFFICIENTS];
+  decode_chain(layer, a.s, a.t, (uint64_t)a.block_v * l->block_u_count + a.block_u, channels);
+  channels_to_codes(channels, u_block);
 }
 
 static void decode_batch(const layer_state *layer, const slf_block_address *addresses, size_t count,
                          uint8_t *const *u_blocks) {
+  if (layer->public.angular == SLF_ANGULAR_MOTION) {
+    for (size_t i = 0; i < count; i++) decode_chained(layer, addresses[i], u_blocks[i]);
+    return;
+  }
   decoder d;
   pending_block ring[RING];
   float channels[3][COEFFICIENTS];
   decoder_begin(&d, layer);
-  if (count == 1 || layer->public.angular == SLF_ANGULAR_MOTION) {
-    for (size_t i = 0; i < count; i++) {
-      if (block_exists(layer, addresses[i]))
-        decode_at(&d, addresses[i].s, addresses[i].t, place_of(layer, addresses[i]), UINT64_MAX,
-                  u_blocks[i], channels);
-      else
-        memset(u_blocks[i], 0, SLF_BLOCK_NBYTES);
-    }
-    return;
-  }
   for (size_t before = AHEAD_DIRECTORY; before; before--)
     look_ahead(layer, addresses, count, (size_t)0 - before, ring);
   for (size_t i = 0; i < count; i++) {
     look_ahead(layer, addresses, count, i, ring);
-    if (ring[i % RING].exists)
-      decode_at(&d, addresses[i].s, addresses[i].t, place_of(layer, addresses[i]),
-                ring[i % RING].bit, u_blocks[i], channels);
+    const pending_block *p = &ring[i % RING];
+    if (p->exists)
+      decode_at(&d, addresses[i].s, addresses[i].t, p->place, &p->site, p->bit, u_blocks[i],
+                channels);
     else
       memset(u_blocks[i], 0, SLF_BLOCK_NBYTES);
   }

@@ -12,7 +12,7 @@
 #include <stdlib.h>
 
 enum {
-  ENTRY_BITS = 240,      /* an entry's bits are worth its index: 10 of them */
+  ENTRY_BITS = 200,      /* an entry's bits are worth its index: 10 of them */
   SAMPLED_UNITS = 24,    /* the codes are made from places of so many units, */
   SAMPLED_PLACES = 3072, /* so many places in all, */
   TRAINING_ROUNDS = 3,   /* coded so often, each time with the codes of the time before */
