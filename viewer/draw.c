@@ -7,6 +7,7 @@
 #include <time.h>
 
 #include "gl_api.h"
+#include "half.h"
 
 /* Not in GL 3.3 core, but in every driver; where it is missing, filtering is only trilinear. */
 #define TEXTURE_MAX_ANISOTROPY 0x84FE
@@ -183,23 +184,42 @@ static void upload_nothing(const texture *x) {
   gl.PixelStorei(GL_UNPACK_ROW_LENGTH, 0);
 }
 
+static void decode_matte_block(const drawing *d, uint32_t surface, uint32_t layer_index, bool half,
+                               slf_block_address address, uint8_t *u_block) {
+  float rgb[3 * 64];
+  if (!half) {
+    slf_decode_block(d->file, surface, layer_index, address, u_block);
+    return;
+  }
+  uint16_t *texel = (uint16_t *)(void *)u_block;
+  slf_decode_block_linear(d->file, surface, layer_index, address, rgb);
+  for (int k = 0; k < 64; k++, texel += 4) {
+    for (int c = 0; c < 3; c++) texel[c] = half_from_float(half_range(rgb[3 * k + c]));
+    texel[3] = HALF_ONE;
+  }
+}
+
 /* A matte layer is one slice, shown as it is. */
 static bool upload_matte(const drawing *d, uint32_t surface, uint32_t layer_index,
                          const slf_layer *shape) {
-  size_t row_nbytes = (size_t)shape->block_u_count * 32;
+  bool half = shape->curve == SLF_CURVE_DWA;
+  size_t block_row_nbytes = half ? 64 : 32;
+  size_t row_nbytes = (size_t)shape->block_u_count * block_row_nbytes;
   uint8_t *texels = malloc(row_nbytes * 8 * shape->block_v_count);
   if (!texels) return false;
   for (uint32_t bv = 0; bv < shape->block_v_count; bv++)
     for (uint32_t bu = 0; bu < shape->block_u_count; bu++) {
-      uint8_t u_block[SLF_BLOCK_NBYTES];
+      _Alignas(16) uint8_t u_block[U_BLOCK_HALF_NBYTES];
       slf_block_address address = {.block_u = (uint16_t)bu, .block_v = (uint16_t)bv};
-      slf_decode_block(d->file, surface, layer_index, address, u_block);
+      decode_matte_block(d, surface, layer_index, half, address, u_block);
       for (size_t row = 0; row < 8; row++)
-        memcpy(texels + (8 * bv + row) * row_nbytes + (size_t)bu * 32, u_block + 32 * row, 32);
+        memcpy(texels + (8 * bv + row) * row_nbytes + bu * block_row_nbytes,
+               u_block + block_row_nbytes * row, block_row_nbytes);
     }
   gl.PixelStorei(GL_UNPACK_ROW_LENGTH, (GLint)(8 * shape->block_u_count));
-  gl.TexImage2D(GL_TEXTURE_2D, 0, GL_SRGB8_ALPHA8, (GLsizei)shape->u_count, (GLsizei)shape->v_count,
-                0, GL_RGBA, GL_UNSIGNED_BYTE, texels);
+  gl.TexImage2D(GL_TEXTURE_2D, 0, half ? GL_RGBA16F : GL_SRGB8_ALPHA8, (GLsizei)shape->u_count,
+                (GLsizei)shape->v_count, 0, GL_RGBA, half ? GL_HALF_FLOAT : GL_UNSIGNED_BYTE,
+                texels);
   gl.PixelStorei(GL_UNPACK_ROW_LENGTH, 0);
   gl.GenerateMipmap(GL_TEXTURE_2D);
   free(texels);

@@ -39,6 +39,8 @@ struct resampler {
   float s_scale, t_scale, s_offset, t_offset; /* slice s_scale (s + 1) - s_offset, s in [-1,1] */
   slice_index *slice_of;                      /* the slice of (i,j) in use, i * t_count + j */
   block_source source;
+  u_block_format format;
+  resample_kernel kernel;
   void (*place)(const resampler *, const block_directions *, pending_block *);
   void (*mix)(const pending_block *);
   pending_block pending[2];
@@ -181,8 +183,9 @@ static void find_taps(resampler *r, uint32_t block_u, uint32_t block_v, pending_
     *cell_of_run++ = (uint8_t)n->number;
   }
   r->source.fetch(r->source.context, block_u, block_v, slices, slice_count, u_blocks);
+  const int u_block_nbytes = r->format == U_BLOCK_HALF ? U_BLOCK_HALF_NBYTES : SLF_BLOCK_NBYTES;
   for (size_t i = 0; i < slice_count; i++)
-    for (int line = 0; line < SLF_BLOCK_NBYTES; line += 64) __builtin_prefetch(u_blocks[i] + line);
+    for (int line = 0; line < u_block_nbytes; line += 64) __builtin_prefetch(u_blocks[i] + line);
   for (uint32_t c = 0; c < cell_count; c++)
     for (int tap = 0; tap < 4; tap++) p->taps[c][tap] = u_blocks[tap_slices[c][tap]];
 }
@@ -194,7 +197,13 @@ static uint16_t *texel_out(const pending_block *p, int k) {
   return (uint16_t *)((uint8_t *)p->out + (size_t)(k / 8) * p->row_nbytes) + k % 8 * 4;
 }
 
-static void mix_plain(const pending_block *p) {
+static float half_at(const uint8_t *u_block, int i) {
+  uint16_t half;
+  memcpy(&half, u_block + 2 * i, sizeof half);
+  return float_from_half(half);
+}
+
+INLINE void mix_plain(const pending_block *p, u_block_format format) {
   const uint8_t *cell_of_run = p->cell_of_run - 1;
   for (int k = 0; k < 64; k++) {
     cell_of_run += p->starts >> k & 1;
@@ -202,12 +211,22 @@ static void mix_plain(const pending_block *p) {
     uint16_t *out = texel_out(p, k);
     for (int channel = 0; channel < 3; channel++) {
       float y[4];
-      for (int tap = 0; tap < 4; tap++) y[tap] = linear_from_code(taps[tap][4 * k + channel]);
+      for (int tap = 0; tap < 4; tap++)
+        y[tap] = format == U_BLOCK_HALF ? half_at(taps[tap], 4 * k + channel)
+                                        : linear_from_code(taps[tap][4 * k + channel]);
       float y0 = y[0] + p->f[k] * (y[1] - y[0]), y1 = y[2] + p->f[k] * (y[3] - y[2]);
       out[channel] = half_from_float(y0 + p->g[k] * (y1 - y0));
     }
     out[3] = HALF_ONE;
   }
+}
+
+static void mix_codes_plain(const pending_block *p) {
+  mix_plain(p, U_BLOCK_CODES);
+}
+
+static void mix_half_plain(const pending_block *p) {
+  mix_plain(p, U_BLOCK_HALF);
 }
 
 #if HAVE_AVX2
@@ -216,8 +235,15 @@ TARGET_AVX2 static void place_avx2(const resampler *r, const block_directions *d
   place_texels(r, d, p);
 }
 
-/* Two texels, four channels each: texels k and k + 1 of one tap. */
-TARGET_AVX2 INLINE __m256 load_pair(const uint8_t *a, const uint8_t *b, bool same_block) {
+/* Two texels, four channels each: texels k and k + 1 of one tap, from here on. */
+TARGET_AVX2 INLINE __m256 load_half_pair(const uint8_t *a, const uint8_t *b) {
+  __m128i both = _mm_loadl_epi64((const __m128i *)(const void *)a);
+  both =
+      _mm_castps_si128(_mm_loadh_pi(_mm_castsi128_ps(both), (const __m64 *)(const void *)(b + 8)));
+  return _mm256_cvtph_ps(both);
+}
+
+TARGET_AVX2 INLINE __m256 load_code_pair(const uint8_t *a, const uint8_t *b, bool same_block) {
   __m128i bytes;
   if (same_block) {
     bytes = _mm_loadl_epi64((const __m128i *)(const void *)a);
@@ -247,7 +273,13 @@ TARGET_AVX2 INLINE __m256 load_weights(const float *w) {
   return _mm256_permutevar_ps(_mm256_castpd_ps(_mm256_set1_pd(both)), spread);
 }
 
-TARGET_AVX2 static void mix_avx2(const pending_block *p) {
+TARGET_AVX2 INLINE __m256 load_pair(const uint8_t *a, const uint8_t *b, int k, bool same_block,
+                                    u_block_format format) {
+  return format == U_BLOCK_HALF ? load_half_pair(a + 8 * k, b + 8 * k)
+                                : load_code_pair(a + 4 * k, b + 4 * k, same_block);
+}
+
+TARGET_AVX2 INLINE void mix_avx2(const pending_block *p, u_block_format format) {
   const __m256 one = _mm256_set1_ps(1);
   const uint8_t *cell_of_run = p->cell_of_run - 1;
   uint64_t starts = p->starts;
@@ -257,15 +289,23 @@ TARGET_AVX2 static void mix_avx2(const pending_block *p) {
     bool same = !(starts & 2);
     cell_of_run += !same;
     const uint8_t *const *b = p->taps[*cell_of_run];
-    __m256 y00 = load_pair(a[0] + 4 * k, b[0] + 4 * k, same);
-    __m256 y10 = load_pair(a[1] + 4 * k, b[1] + 4 * k, same);
-    __m256 y01 = load_pair(a[2] + 4 * k, b[2] + 4 * k, same);
-    __m256 y11 = load_pair(a[3] + 4 * k, b[3] + 4 * k, same);
+    __m256 y00 = load_pair(a[0], b[0], k, same, format);
+    __m256 y10 = load_pair(a[1], b[1], k, same, format);
+    __m256 y01 = load_pair(a[2], b[2], k, same, format);
+    __m256 y11 = load_pair(a[3], b[3], k, same, format);
     __m256 f = load_weights(p->f + k), g = load_weights(p->g + k);
     __m256 y = _mm256_blend_ps(lerp(lerp(y00, y10, f), lerp(y01, y11, f), g), one, 0x88);
     _mm_storeu_si128((__m128i *)(void *)texel_out(p, k),
                      _mm256_cvtps_ph(y, _MM_FROUND_TO_NEAREST_INT));
   }
+}
+
+TARGET_AVX2 static void mix_codes_avx2(const pending_block *p) {
+  mix_avx2(p, U_BLOCK_CODES);
+}
+
+TARGET_AVX2 static void mix_half_avx2(const pending_block *p) {
+  mix_avx2(p, U_BLOCK_HALF);
 }
 #endif
 
@@ -279,16 +319,21 @@ static void mix(const resampler *r, const pending_block *p) {
 /* ---- The stream -------------------------------------------------------------------------------
  */
 
+void resampler_use_format(resampler *r, u_block_format format) {
+  r->format = format;
+  resampler_use_kernel(r, r->kernel);
+}
+
 void resampler_use_kernel(resampler *r, resample_kernel kernel) {
+  r->kernel = kernel;
   r->place = place_plain;
-  r->mix = mix_plain;
+  bool half = r->format == U_BLOCK_HALF;
+  r->mix = half ? mix_half_plain : mix_codes_plain;
 #if HAVE_AVX2
   if (kernel == RESAMPLE_BEST && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("f16c")) {
     r->place = place_avx2;
-    r->mix = mix_avx2;
+    r->mix = half ? mix_half_avx2 : mix_codes_avx2;
   }
-#else
-  (void)kernel;
 #endif
 }
 
