@@ -44,9 +44,9 @@ bake: $(BAKE_PROGRAMS) ## Bake SCENE (NAME=, DECLARE="X=1 Y=2", QUALITY=, RAYS=,
 	@cd 'build/bake/$(NAME)' && { cmp -s options.part options.mk || mv options.part options.mk; }
 	@rm -f 'build/bake/$(NAME)/options.part'
 	@bake/sweep 'build/bake/$(NAME)/tmp'
-	@MAKEFLAGS= $(MAKE) --no-print-directory CONFIG=$(CONFIG) JOBS=$(BAKE_JOBS) BAKE='$(NAME)' \
+	@MAKEFLAGS= $(MAKE) --no-print-directory CONFIG=$(CONFIG) -j$(BAKE_JOBS) BAKE='$(NAME)' \
 	  $(if $(filter local,$(FARM)),,bake-ready && MAKEFLAGS= bake/farm '$(FARM)' '$(NAME)' && MAKEFLAGS= $(MAKE) \
-	  --no-print-directory CONFIG=$(CONFIG) JOBS=$(BAKE_JOBS) BAKE='$(NAME)') 'build/$(NAME).slf'
+	  --no-print-directory CONFIG=$(CONFIG) -j$(BAKE_JOBS) BAKE='$(NAME)') 'build/$(NAME).slf'
 
 ifdef BAKE
 BAKE_DIR := build/bake/$(BAKE)
