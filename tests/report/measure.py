@@ -21,7 +21,7 @@ import numpy as np
 from PIL import Image
 
 SIZE = "240x180"  # of the pictures that are compared
-SAMPLES = 4  # squared, in a pixel of the viewer's pictures
+SAMPLES = 3  # squared, in a pixel of the viewer's pictures
 BUILD = pathlib.Path("build")
 
 # `directions` and `texels` are what the other axes of the plots are held at; `scan` is the line of
@@ -34,17 +34,17 @@ SCENES = {
     "cube": dict(scene="cube", declare="", surfaces=None, directions=16, truth=7),
     "pond": dict(scene="pond", declare="", surfaces=["water"], directions=32, truth=7),
 }
-QUICK = dict(texels=dict(floor=128, bottle=128, box=64, cube=64, pond=128),
+QUICK = dict(texels=dict(floor=128, bottle=64, box=64, cube=64, pond=128),
              scan={"floor": [4, 8, 16], "floor-mirror": [4, 8, 16, 32], "bottle": [4, 8, 16, 32],
-                   "box": [4, 8, 16], "cube": [4, 8, 16], "pond": [8, 16, 32]},
+                   "box": [4, 8, 16], "cube": [4, 8, 16], "pond": [16, 32]},
              views=2)
 PAPER = dict(texels=dict(floor=128, bottle=256, box=128, cube=128, pond=128),
              scan={name: [4, 8, 16, 32, 64] for name in SCENES}, views=6)
-DICE_PX = [2, 4, 8, 16, 32, 64]
+DICE_PX = [2, 8, 16, 32, 64]
 CACHES = [0, 10, 100, 1000, 65536]
 PAPER_CACHES = ["all", "all-1", "1000", "100", "10", "4", "1", "0"]
 PAPER_OFFSETS = ["0.01", "0.1", "0.2", "0.5", "1.0", "2.0", "5.0"]
-QUALITIES = [20, 40, 60, 75, 90]
+QUALITIES = [30, 60, 85]
 SHINY = {"box": "box_", "cube": "cube_"}  # surfaces with a name that begins so
 
 

@@ -3,14 +3,17 @@
 REPORT_PYTHON := build/venv/bin/python
 REPORT_PROGRAMS := build/report/recode build/report/frame
 
-$(REPORT_PYTHON): tests/report/requirements.txt
+NEED.report.programs := python3
+NEED.report.packages := python3 python3-venv
+
+$(REPORT_PYTHON): tests/report/requirements.txt | build/deps/report
 	python3 -m venv build/venv
 	build/venv/bin/pip -q install -r $<
 	@touch $@
 
 build/report/%: build/obj/tests/report/%.o $(filter-out %/slfview.o %/window.o,$(VIEWER_OBJECTS)) $(LIBSLF)
 	@mkdir -p $(@D)
-	$(CC) -o $@ $^ $(ALL_LDFLAGS) -lpng -ldl -lm
+	$(call say,link,$@)$(CC) -o $@ $^ $(ALL_LDFLAGS) -lpng -ldl -lm
 
 .PHONY: report report-scenes
 report: all $(REPORT_PYTHON) $(REPORT_PROGRAMS) build/bench/viewer build/bench/room | $(CHECK_DEPS) ## Speed against error: build/report/index.html (QUALITY=paper for the paper's sizes)
