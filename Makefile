@@ -13,7 +13,9 @@ FARM ?= local
 CONFIG ?= release
 PREFIX ?= /usr/local
 JOBS ?= $(shell nproc)
+ifeq ($(MAKELEVEL),0)
 MAKEFLAGS += --jobs=$(JOBS)
+endif
 CC := $(if $(filter default,$(origin CC)),gcc,$(CC))
 
 # A sanitized or debug build lives beside the release build and shares nothing with it.
@@ -38,10 +40,10 @@ ALL_LDFLAGS = -pthread $(CONFIG_LDFLAGS.$(CONFIG)) $(LDFLAGS)
 # viewing; CHECK_DEPS is what the tests need on top.
 DEPS := build/deps/build
 CHECK_DEPS := build/deps/check
-NEED.build.programs := gcc pkg-config povray
-NEED.build.modules := OpenEXR libpng libjpeg glfw3 osmesa egl gl
+NEED.build.programs := gcc pkg-config povray ffmpeg
+NEED.build.modules := OpenEXR libpng libjpeg glfw3 osmesa egl gl stb
 NEED.build.packages := gcc libc6-dev pkg-config povray povray-includes libopenexr-dev libpng-dev \
-  libjpeg-dev libglfw3-dev libosmesa6-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri
+  libjpeg-dev libglfw3-dev libosmesa6-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri libstb-dev
 NEED.check.programs := clang clang-format idiff oiiotool xvfb-run xdotool import
 NEED.check.modules := cmocka
 NEED.check.packages := clang clang-format libclang-rt-14-dev openimageio-tools xvfb xauth xdotool \

@@ -42,8 +42,11 @@ bake: $(BAKE_PROGRAMS) ## Bake SCENE (NAME=, DECLARE="X=1 Y=2", QUALITY=, RAYS=,
 	@printf 'BAKE_SCENE := %s\nBAKE_DECLARE := %s\nBAKE_SCALE := %s\nBAKE_RAYS := %s\n' '$(SCENES)/$(SCENE)' \
 	  '$(DECLARE)' '$(TEXEL_SCALE)' '$(RAYS)' > 'build/bake/$(NAME)/options.part'
 	@cd 'build/bake/$(NAME)' && { cmp -s options.part options.mk || mv options.part options.mk; }
-	@rm -rf 'build/bake/$(NAME)/options.part' 'build/bake/$(NAME)/tmp'
-	@MAKEFLAGS= $(MAKE) --no-print-directory CONFIG=$(CONFIG) JOBS=$(BAKE_JOBS) BAKE='$(NAME)' 'build/$(NAME).slf'
+	@rm -f 'build/bake/$(NAME)/options.part'
+	@bake/sweep 'build/bake/$(NAME)/tmp'
+	@MAKEFLAGS= $(MAKE) --no-print-directory CONFIG=$(CONFIG) -j$(BAKE_JOBS) BAKE='$(NAME)' \
+	  $(if $(filter local,$(FARM)),,bake-ready && MAKEFLAGS= bake/farm '$(FARM)' '$(NAME)' && MAKEFLAGS= $(MAKE) \
+	  --no-print-directory CONFIG=$(CONFIG) -j$(BAKE_JOBS) BAKE='$(NAME)') 'build/$(NAME).slf'
 
 ifdef BAKE
 BAKE_DIR := build/bake/$(BAKE)
@@ -96,11 +99,16 @@ $(addsuffix .made,$(CHOICES)): $(LIGHT) $(BAKE_DIR)/look bake/camera.c bake/samp
 	$(call keep_if_same,$(@D)/choice)
 
 $(CHUNKS): $(LIGHT) $(BAKE_DIR)/look $(addprefix bake/,camera.c frame.c cover.c sample.c layers.c image.c) | bake-begins
-	@bake/trace chunk $(notdir $(@D)) $(basename $(notdir $@)) $@
-	@$(BAKE_BIN)/progress report $(BAKE_DIR) $(BAKE_RAYS)
-.PHONY: bake-begins
+	$(if $(BAKE_LIST),@echo $@,@bake/trace chunk $(notdir $(@D)) $(basename $(notdir $@)) $@)
+	$(if $(BAKE_LIST),,@$(BAKE_BIN)/progress report $(BAKE_DIR) $(BAKE_RAYS))
+.PHONY: bake-begins bake-ready bake-chunks
+# BAKE_LIST=1 names the chunks that are missing or stale instead of baking them. (make -n cannot: it
+# takes a file that would keep its time for a new one.)
+bake-chunks: $(CHUNKS)
+# All that chunks need, made here before a farm makes those.
+bake-ready: $(BAKE_DIR)/chunks.mk $(BAKE_DIR)/look $(RAY_TABLES) $(COVERS) $(CHOICES) $(LIGHT)
 bake-begins: | $(BAKE_DIR)/look $(RAY_TABLES) $(COVERS) $(LIGHT)
-	@$(BAKE_BIN)/progress begin $(BAKE_DIR) $(BAKE_RAYS)
+	$(if $(BAKE_LIST),,@$(BAKE_BIN)/progress begin $(BAKE_DIR) $(BAKE_RAYS))
 
 build/$(BAKE).slf: $(BAKE_BIN)/pack $(BAKE_DIR)/chunks.mk $(CHUNKS) $(wildcard $(BAKE_SCENE)/views)
 	@$(BAKE_BIN)/pack $(BAKE_DIR) $(BAKE_RAYS) $(wildcard $(BAKE_SCENE)/views) $@

@@ -34,45 +34,52 @@ static ac_token token_in_window(const huffman_decoder *decoder, uint32_t window,
   return token;
 }
 
-static uint64_t ac_entry(const huffman_decoder *decoder, const huffman_decoder *later,
+static bool is_small(int32_t level) {
+  return level >= -FAST_MAX_LEVEL && level <= FAST_MAX_LEVEL;
+}
+
+static uint32_t ac_entry(const huffman_decoder *decoder, const huffman_decoder *later,
                          uint32_t window) {
   ac_token first = token_in_window(decoder, window, FAST_BITS);
-  if (first.taken == 0) return 0;
-  if (first.end) return first.taken | 64u << 8 | 1u << 24;
-  uint64_t taken = first.taken, step = 0;
+  if (first.taken == 0 || !is_small(first.level)) return 0;
+  if (first.end) return first.taken | FAST_END | 64u << 6;
+  unsigned taken = first.taken, step = 0, left = FAST_BITS - first.taken;
   int32_t level = 0;
   bool end = false;
-  unsigned left = FAST_BITS - first.taken;
   for (int more = 0; more < 2 && left; more++) {
     ac_token next = token_in_window(later, window & ((1u << left) - 1), left);
-    if (next.taken == 0 || (more && !next.end)) break;
+    if (next.taken == 0 || !is_small(next.level) || (more && !next.end)) break;
     taken += next.taken;
     left -= next.taken;
     if ((end = next.end)) break;
     step = next.step;
     level = next.level;
   }
-  return taken | (uint64_t)first.step << 8 | step << 16 | (uint64_t)end << 24 |
-         (uint64_t)(uint16_t)first.level << 32 | (uint64_t)(uint16_t)level << 48;
+  return taken | (end ? FAST_END : 0) | first.step << 6 | step << 13 |
+         ((uint32_t)first.level & 127) << 18 | (uint32_t)level << 25;
 }
 
-static uint64_t dc_entry(const huffman_decoder *decoder, uint32_t window) {
-  unsigned code_bits, size = huffman_read(decoder, 1, window << (16 - FAST_BITS), &code_bits);
+static uint32_t dc_entry(const huffman_decoder *decoder, uint32_t window) {
+  unsigned code_bits, size = huffman_read(decoder, 1, window << (16 - FAST_DC_BITS), &code_bits);
   unsigned taken = code_bits + size;
-  if (code_bits == 0 || taken > FAST_BITS) return 0;
-  int32_t level = extend(window >> (FAST_BITS - taken) & ((1u << size) - 1), size);
-  return taken | (uint64_t)(uint16_t)level << 32;
+  if (code_bits == 0 || taken > FAST_DC_BITS) return 0;
+  int32_t level = extend(window >> (FAST_DC_BITS - taken) & ((1u << size) - 1), size);
+  return taken | (uint32_t)level << 16;
+}
+
+static uint16_t head_entry(const huffman_decoder *decoder, uint32_t window) {
+  unsigned bits, symbol = huffman_read(decoder, 1, window << (16 - FAST_DC_BITS), &bits);
+  return bits <= FAST_DC_BITS ? (uint16_t)(bits | symbol << 8) : 0;
 }
 
 void block_tables_make(const block_codes *codes, block_tables *tables) {
   for (int i = 0; i < CODE_COUNT; i++) huffman_make_decoder(&codes->codes[i], &tables->decoders[i]);
-  for (uint32_t w = 0; w < 1u << FAST_BITS; w++) {
+  for (uint32_t w = 0; w < 1u << FAST_DC_BITS; w++) {
+    tables->head[w] = head_entry(&tables->decoders[CODE_HEAD], w);
     for (int i = 0; i < 4; i++) tables->dc[i][w] = dc_entry(&tables->decoders[CODE_DC + i], w);
+  }
+  for (uint32_t w = 0; w < 1u << FAST_BITS; w++)
     for (int i = 0; i < 8; i++)
       tables->ac[i][w] =
           ac_entry(&tables->decoders[CODE_AC + i], &tables->decoders[CODE_AC + (i | 1)], w);
-    unsigned bits,
-        symbol = huffman_read(&tables->decoders[CODE_HEAD], 1, w << (16 - FAST_BITS), &bits);
-    tables->head[w] = bits <= FAST_BITS ? (uint16_t)(bits | symbol << 8) : 0;
-  }
 }

@@ -9,6 +9,7 @@ enum {
   MAX_LEVEL = 32767,
   LEVELS_STRIDE = 80, /* a channel's 64 levels and room for what a damaged C-Block writes beyond */
   FAST_BITS = 10,
+  FAST_DC_BITS = 9,
   /* AC symbols are run << 4 | size as in JPEG, and with size 0: */
   SYMBOL_END = 0x00,    /* no level but 0 follows in the channel */
   SYMBOL_ESCAPE = 0x10, /* 6 bits of run, 16 bits of level */
@@ -60,14 +61,32 @@ static inline int32_t extend(uint32_t value, unsigned size) {
                                           : (int32_t)value;
 }
 
-/* An AC entry holds as many whole levels as FAST_BITS show, two at most: bits 0-7 how many bits
- * they take, 0 if none is whole; 8-15 and 16-23 how far each lies behind the one before (0: there
- * is no second; 64: no first, the channel ends); 24 the channel ends here; 32-47 and 48-63 the
- * levels. A DC entry: bits 0-7 bits taken, 32-47 the level. */
+/* An AC entry holds as many whole levels as FAST_BITS show, two at most, small ones: bits 0-4 how
+ * many bits they take, 0 if none is whole; 5 the channel ends here; 6-12 and 13-17 how far each
+ * lies behind the one before (0: there is no second; 64: no first, the channel ends); 18-24 and
+ * 25-31 the levels. A DC entry: bits 0-4 bits taken, 0 if more than FAST_DC_BITS; 16-31 the level.
+ * Small entries: the tables of a scheme fit in a first-level cache. */
+enum { FAST_END = 1 << 5, FAST_MAX_LEVEL = 63 };
+static inline unsigned fast_taken(uint32_t entry) {
+  return entry & 31;
+}
+static inline unsigned fast_step(uint32_t entry) {
+  return entry >> 6 & 127;
+}
+static inline unsigned fast_second_step(uint32_t entry) {
+  return entry >> 13 & 31;
+}
+static inline int32_t fast_level(uint32_t entry) {
+  return (int32_t)(entry << 7) >> 25;
+}
+static inline int32_t fast_second_level(uint32_t entry) {
+  return (int32_t)entry >> 25;
+}
+
 typedef struct {
-  uint64_t ac[8][1 << FAST_BITS];
-  uint64_t dc[4][1 << FAST_BITS];
-  uint16_t head[1 << FAST_BITS]; /* bits 0-7 bits taken, 0 if longer; 8-15 the symbol */
+  uint32_t ac[8][1 << FAST_BITS];
+  uint32_t dc[4][1 << FAST_DC_BITS];
+  uint16_t head[1 << FAST_DC_BITS]; /* bits 0-7 bits taken, 0 if longer; 8-15 the symbol */
   huffman_decoder decoders[CODE_COUNT];
 } block_tables;
 

@@ -24,25 +24,66 @@ static inline block_site site_of(const layer_stream *stream, uint32_t unit, uint
 typedef struct {
   const layer_stream *stream; /* NULL: none */
   uint64_t entry;
-  uint32_t next; /* number of the block at the cursor */
-  bit_cursor cursor;
+  uint32_t next;   /* number of the block at the reader */
+  bool has_levels; /* state.levels are those of block next - 1, which was not passed over */
+  bit_reader reader;
   entry_state state;
 } entry_reader;
 
 static inline void begin_at(entry_reader *r, const block_site *site, uint64_t bit) {
-  const block_stream *blocks = &site->stream->blocks;
   r->stream = site->stream;
   r->entry = site->entry;
   r->next = 0;
-  r->cursor = (bit_cursor){blocks->bytes, bit, (blocks->nbytes - STREAM_PAD_NBYTES) * 8};
+  r->has_levels = false;
+  reader_begin(&r->reader, &site->stream->blocks, bit);
   entry_begin(&r->state);
+}
+
+/* Where the levels that a block leans on begin. */
+typedef struct {
+  uint32_t number;
+  bit_reader reader;
+  int16_t intra_dc[3];
+} anchor_mark;
+
+/* Passes over blocks up to `number`, or if that leans on them, back to the one it stands on. */
+static bool skip_to(entry_reader *r, uint32_t number) {
+  const block_tables *tables = r->stream->tables;
+  /* Where nothing passed over is such a one, it is the block read last, whose levels are at hand.
+   */
+  anchor_mark mark = {r->next, r->reader, {0}};
+  memcpy(mark.intra_dc, r->state.intra_dc, sizeof mark.intra_dc);
+  while (r->next < number) {
+    anchor_mark here = {r->next, r->reader, {0}};
+    memcpy(here.intra_dc, r->state.intra_dc, sizeof here.intra_dc);
+    bool leans;
+    if (!block_skip(tables, &r->reader, &r->state, &leans)) return false;
+    if (!leans) mark = here;
+    r->next++;
+    r->has_levels = false;
+  }
+  if (block_leans_on_previous(tables, &r->reader)) {
+    r->next = mark.number;
+    r->reader = mark.reader;
+    memcpy(r->state.intra_dc, mark.intra_dc, sizeof mark.intra_dc);
+  }
+  return true;
 }
 
 /* Reads up to a block; a damaged entry ends early, with what was read. */
 static inline void read_up_to(entry_reader *r, const block_site *site) {
+  /* One block on, with its predecessor's levels at hand: just read it. */
+  if (!(r->has_levels || site->number == 0) || r->next != site->number) {
+    if (!skip_to(r, site->number)) {
+      r->stream = NULL;
+      memset(r->state.levels, 0, sizeof r->state.levels);
+      return;
+    }
+  }
   while (r->next <= site->number) {
     uint32_t number = r->next++;
-    if (!block_parse(site->stream->tables, &r->cursor, number, number % site->slice_count == 0,
+    r->has_levels = true;
+    if (!block_parse(site->stream->tables, &r->reader, number, number % site->slice_count == 0,
                      &r->state)) {
       r->stream = NULL;
       return;
@@ -289,17 +330,12 @@ static void finish_block(decoder *d, const block_site *site, uint32_t s, uint32_
   if (u_block) channels_to_codes(channels, u_block);
 }
 
-/* Any existing block, in codes or channels; `bit` is where its entry begins, if it is known. */
-static void decode_at(decoder *d, uint32_t s, uint32_t t, uint64_t place, uint64_t bit,
-                      uint8_t *u_block, float channels[3][COEFFICIENTS]) {
+/* Any existing block, in codes or channels; site is its own, bit where its entry begins. */
+static void decode_at(decoder *d, uint32_t s, uint32_t t, uint64_t place, const block_site *site,
+                      uint64_t bit, uint8_t *u_block, float channels[3][COEFFICIENTS]) {
   static const entry_state nothing = {.ac_flags = 7};
   const layer_state *layer = d->layer;
-  if (layer->public.angular == SLF_ANGULAR_MOTION) {
-    decode_chain(layer, s, t, place, channels);
-    if (u_block) channels_to_codes(channels, u_block);
-    return;
-  }
-  if (layer_is_key(layer, s, t)) {
+  if (site->stream == &layer->streams[STREAM_KEYS]) {
     const fine_block *key = get_key(layer, layer_group(layer, s, t), place, &d->memo);
     const int16_t(*fine)[COEFFICIENTS] = (const int16_t(*)[COEFFICIENTS]) * key;
     if (u_block)
@@ -308,22 +344,22 @@ static void decode_at(decoder *d, uint32_t s, uint32_t t, uint64_t place, uint64
       levels_to_channels(layer, fine, &nothing, 0, channels);
     return;
   }
-  block_site site = site_of_slice(layer, s, t, place);
-  if (bit != UINT64_MAX &&
-      (d->rest.stream == NULL || d->rest.entry != site.entry || d->rest.next > site.number)) {
-    begin_at(&d->rest, &site, bit);
-    read_up_to(&d->rest, &site);
-  } else {
-    read_block(&d->rest, &site);
-  }
-  finish_block(d, &site, s, t, place, u_block, channels);
+  if (d->rest.stream == NULL || d->rest.entry != site->entry || d->rest.next > site->number)
+    begin_at(&d->rest, site, bit);
+  read_up_to(&d->rest, site);
+  finish_block(d, site, s, t, place, u_block, channels);
 }
 
 static void decode_channels(const layer_state *layer, uint32_t s, uint32_t t, uint64_t place,
                             float channels[3][COEFFICIENTS]) {
+  if (layer->public.angular == SLF_ANGULAR_MOTION) {
+    decode_chain(layer, s, t, place, channels);
+    return;
+  }
   decoder d;
   decoder_begin(&d, layer);
-  decode_at(&d, s, t, place, UINT64_MAX, NULL, channels);
+  block_site site = site_of_slice(layer, s, t, place);
+  decode_at(&d, s, t, place, &site, stream_find(&site.stream->blocks, site.entry), NULL, channels);
 }
 
 /* ---- Batches ------------------------------------------------------------------------------- */
@@ -334,68 +370,78 @@ enum { AHEAD_DIRECTORY = 12, AHEAD_SEGMENT = 8, AHEAD_BITS = 4, RING = 16 };
 
 typedef struct {
   block_site site;
-  uint64_t bit;
+  uint64_t place, bit;
   bool exists;
+  bool follows; /* in the entry of the block before */
 } pending_block;
 
-static bool block_exists(const layer_state *layer, slf_block_address a) {
-  const slf_layer *p = &layer->public;
-  return a.block_u < p->block_u_count && a.block_v < p->block_v_count &&
-         layer_has_slice(layer, a.s, a.t);
+static void make_pending(const layer_state *layer, slf_block_address a, const pending_block *before,
+                         pending_block *p) {
+  const slf_layer *l = &layer->public;
+  p->exists = a.block_u < l->block_u_count && a.block_v < l->block_v_count &&
+              layer_has_slice(layer, a.s, a.t);
+  p->follows = false;
+  if (!p->exists) return;
+  p->place = (uint64_t)a.block_v * l->block_u_count + a.block_u;
+  p->site = site_of_slice(layer, a.s, a.t, p->place);
+  p->follows = before && before->exists && before->site.stream == p->site.stream &&
+               before->site.entry == p->site.entry;
+  if (!p->follows) stream_prefetch_directory(&p->site.stream->blocks, p->site.entry);
 }
 
-static uint64_t place_of(const layer_state *layer, slf_block_address a) {
-  return (uint64_t)a.block_v * layer->public.block_u_count + a.block_u;
+static void find_pending(const pending_block *before, pending_block *p) {
+  const block_stream *blocks = &p->site.stream->blocks;
+  if (p->follows) {
+    p->bit = before->bit;
+    return;
+  }
+  p->bit = stream_find(blocks, p->site.entry);
+  __builtin_prefetch(blocks->bytes + p->bit / 8);
+  __builtin_prefetch(blocks->bytes + p->bit / 8 + 64);
 }
 
-static void look_ahead(const layer_state *layer, const slf_block_address *addresses, size_t count,
-                       size_t i, pending_block ring[RING]) {
-  if (i + AHEAD_DIRECTORY < count) {
-    size_t at = i + AHEAD_DIRECTORY;
-    pending_block *p = &ring[at % RING];
-    p->exists = block_exists(layer, addresses[at]);
-    if (p->exists) {
-      p->site =
-          site_of_slice(layer, addresses[at].s, addresses[at].t, place_of(layer, addresses[at]));
-      stream_prefetch_directory(&p->site.stream->blocks, p->site.entry);
-    }
+static inline void look_ahead(const layer_state *layer, const slf_block_address *addresses,
+                              size_t count, size_t i, pending_block ring[RING]) {
+  size_t far = i + AHEAD_DIRECTORY, middle = i + AHEAD_SEGMENT, near = i + AHEAD_BITS;
+  if (far < count)
+    make_pending(layer, addresses[far], far ? &ring[(far - 1) % RING] : NULL, &ring[far % RING]);
+  const pending_block *p = &ring[middle % RING];
+  if (middle < count && p->exists && !p->follows)
+    stream_prefetch_segment(&p->site.stream->blocks, p->site.entry);
+  if (near < count && ring[near % RING].exists)
+    find_pending(&ring[(near - 1) % RING], &ring[near % RING]);
+}
+
+static void decode_chained(const layer_state *layer, slf_block_address a, uint8_t *u_block) {
+  const slf_layer *l = &layer->public;
+  if (a.block_u >= l->block_u_count || a.block_v >= l->block_v_count ||
+      !layer_has_slice(layer, a.s, a.t)) {
+    memset(u_block, 0, SLF_BLOCK_NBYTES);
+    return;
   }
-  if (i + AHEAD_SEGMENT < count && ring[(i + AHEAD_SEGMENT) % RING].exists) {
-    const block_site *site = &ring[(i + AHEAD_SEGMENT) % RING].site;
-    stream_prefetch_segment(&site->stream->blocks, site->entry);
-  }
-  if (i + AHEAD_BITS < count && ring[(i + AHEAD_BITS) % RING].exists) {
-    pending_block *p = &ring[(i + AHEAD_BITS) % RING];
-    const block_stream *blocks = &p->site.stream->blocks;
-    p->bit = stream_find(blocks, p->site.entry);
-    __builtin_prefetch(blocks->bytes + p->bit / 8);
-    __builtin_prefetch(blocks->bytes + p->bit / 8 + 64);
-  }
+  float channels[3][COEFFICIENTS];
+  decode_chain(layer, a.s, a.t, (uint64_t)a.block_v * l->block_u_count + a.block_u, channels);
+  channels_to_codes(channels, u_block);
 }
 
 static void decode_batch(const layer_state *layer, const slf_block_address *addresses, size_t count,
                          uint8_t *const *u_blocks) {
+  if (layer->public.angular == SLF_ANGULAR_MOTION) {
+    for (size_t i = 0; i < count; i++) decode_chained(layer, addresses[i], u_blocks[i]);
+    return;
+  }
   decoder d;
   pending_block ring[RING];
   float channels[3][COEFFICIENTS];
   decoder_begin(&d, layer);
-  if (count == 1 || layer->public.angular == SLF_ANGULAR_MOTION) {
-    for (size_t i = 0; i < count; i++) {
-      if (block_exists(layer, addresses[i]))
-        decode_at(&d, addresses[i].s, addresses[i].t, place_of(layer, addresses[i]), UINT64_MAX,
-                  u_blocks[i], channels);
-      else
-        memset(u_blocks[i], 0, SLF_BLOCK_NBYTES);
-    }
-    return;
-  }
   for (size_t before = AHEAD_DIRECTORY; before; before--)
     look_ahead(layer, addresses, count, (size_t)0 - before, ring);
   for (size_t i = 0; i < count; i++) {
     look_ahead(layer, addresses, count, i, ring);
-    if (ring[i % RING].exists)
-      decode_at(&d, addresses[i].s, addresses[i].t, place_of(layer, addresses[i]),
-                ring[i % RING].bit, u_blocks[i], channels);
+    const pending_block *p = &ring[i % RING];
+    if (p->exists)
+      decode_at(&d, addresses[i].s, addresses[i].t, p->place, &p->site, p->bit, u_blocks[i],
+                channels);
     else
       memset(u_blocks[i], 0, SLF_BLOCK_NBYTES);
   }
@@ -404,6 +450,7 @@ static void decode_batch(const layer_state *layer, const slf_block_address *addr
 const kernel KERNEL(kernel) = {.name = SLF_KERNEL_NAME,
                                .check_stream = stream_check,
                                .find = stream_find,
+                               .begin = reader_begin,
                                .parse = block_parse,
                                .inverse_dct = inverse_dct,
                                .plain_inverse_dct = plain_inverse_dct,

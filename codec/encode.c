@@ -12,7 +12,7 @@
 #include <stdlib.h>
 
 enum {
-  ENTRY_BITS = 240,      /* an entry's bits are worth its index: 10 of them */
+  ENTRY_BITS = 200,      /* an entry's bits are worth its index: 10 of them */
   SAMPLED_UNITS = 24,    /* the codes are made from places of so many units, */
   SAMPLED_PLACES = 3072, /* so many places in all, */
   TRAINING_ROUNDS = 3,   /* coded so often, each time with the codes of the time before */
@@ -21,7 +21,7 @@ enum {
 
 /* What a bit is worth in squared steps. At high rate the slope of error against rate is
  * 2 ln 2 / 12 = 0.12; the small levels that most of our bits go to are worth a little more. */
-static const float lambda = 0.13f;
+static const float lambda = 0.10f;
 
 typedef float coefficients[3][COEFFICIENTS];
 
@@ -50,16 +50,24 @@ static void make_steps(layer_encoder *e) {
   static const double channel_scale[3] = {1.0, 0.96, 1.10};
   bool whole = e->layer.public.angular == SLF_ANGULAR_NONE;
   double unit = e->layer.public.curve == SLF_CURVE_DWA ? DWA_SCALE / 255.0 : 1;
-  double least = e->layer.public.curve == SLF_CURVE_DWA ? DWA_LEAST_STEP : 1;
   double base = unit * exp2((100 - e->layer.public.quality) / 8.0);
   for (int channel = 0; channel < 3; channel++)
     for (int i = 0; i < COEFFICIENTS; i++) {
       double step = base * channel_scale[channel] * (0.95 + 0.007 * (i / 8 + i % 8));
       double sixteenths = floor(whole ? floor(step + 0.5) * STEP_ONE : step * STEP_ONE + 0.5);
-      sixteenths = fmax(least * STEP_ONE, fmin(4000.0 * STEP_ONE, sixteenths));
+      sixteenths = fmax(STEP_ONE, fmin(4000.0 * STEP_ONE, sixteenths));
       e->layer.steps[channel][i] = (uint16_t)sixteenths;
       e->steps[channel][i] = (float)(sixteenths / STEP_ONE);
     }
+  /* What many blocks lean on is worth eight times finer steps, and a key twice, as long as the
+   * levels fit in 16 bits: a coefficient is at most 8 codes' range. */
+  double range = e->layer.public.curve == SLF_CURVE_DWA ? DWA_CODES : 256;
+  uint32_t gain = MAX_GAIN;
+  while (gain > 1 && 8 * range * gain / base > MAX_LEVEL) gain /= 2;
+  bool layered = e->layer.public.angular == SLF_ANGULAR_LAYERED;
+  e->layer.gains[STREAM_REST] = layered ? gain : 1;
+  e->layer.gains[STREAM_KEYS] = gain > 2 ? gain / 2 : 1;
+  e->layer.gains[STREAM_BASE] = 1;
   layer_make_scales(&e->layer);
 }
 
@@ -243,7 +251,7 @@ static void try_copy(const block_site *site, predictor how, const coefficients t
 static void fine_to_coefficients(const layer_encoder *e, int16_t fine[3][COEFFICIENTS],
                                  coefficients c) {
   for (int k = 0; k < 3 * COEFFICIENTS; k++)
-    (&c[0][0])[k] = (&fine[0][0])[k] * (&e->steps[0][0])[k] * (1.0f / FINE);
+    (&c[0][0])[k] = (&fine[0][0])[k] * (&e->steps[0][0])[k] / (float)e->layer.gains[STREAM_REST];
 }
 
 enum { WINDOW_SIDE = 24, WINDOW_BEGIN = 8 }; /* a block and what lies around it */
@@ -840,9 +848,6 @@ slf_result encode_layer(const slf_layer_options *options, const slf_source *sour
                                 .t_count = options->t_count,
                                 .quality = options->quality,
                                 .height_unit = options->height_unit};
-  e->layer.gains[STREAM_BASE] = options->angular == SLF_ANGULAR_IDENTICAL ? FINE : 1;
-  e->layer.gains[STREAM_KEYS] = 2;
-  e->layer.gains[STREAM_REST] = FINE;
   layer_set_curve(&e->layer);
   make_steps(e);
   size_t samples = 3 * (size_t)options->u_count * options->v_count;

@@ -37,17 +37,32 @@ void stream_prefetch_segment(const block_stream *stream, uint64_t entry);
 
 /* ---- Parse: FORMAT.md, "C-Blocks" ---------------------------------------------------------- */
 
-/* A position in a stream. */
+/* A position in a stream: the next `count` bits at the top of `bits`. Beyond `last` the bytes there
+ * repeat: loads stay inside the stream's padding, and a C-Block that runs there is damaged and
+ * comes out as some levels. */
 typedef struct {
-  const uint8_t *bytes;
-  uint64_t bit, end_bit;
-} bit_cursor;
+  uint64_t bits;
+  int count;
+  const uint8_t *next, *last;
+} bit_reader;
+
+#define reader_begin KERNEL(reader_begin)
+void reader_begin(bit_reader *reader, const block_stream *blocks, uint64_t bit);
 
 /* Reads the entry's next C-Block, its `number`-th from 0; `first` if it is its place's first, which
  * nothing precedes. False if its bits are no C-Block. */
 #define block_parse KERNEL(block_parse)
-bool block_parse(const block_tables *tables, bit_cursor *cursor, uint32_t number, bool first,
+bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t number, bool first,
                  entry_state *state);
+
+/* Passes over it: of state only intra_dc goes on. */
+#define block_skip KERNEL(block_skip)
+bool block_skip(const block_tables *tables, bit_reader *reader, entry_state *state,
+                bool *leans_on_previous);
+
+/* Whether the next C-Block is predicted from the one before it. */
+#define block_leans_on_previous KERNEL(block_leans_on_previous)
+bool block_leans_on_previous(const block_tables *tables, const bit_reader *reader);
 
 /* ---- Transform ----------------------------------------------------------------------------- */
 
@@ -87,7 +102,8 @@ struct kernel {
   const char *name;
   slf_result (*check_stream)(const block_stream *stream, const char *name, slf_error *error);
   uint64_t (*find)(const block_stream *stream, uint64_t entry);
-  bool (*parse)(const block_tables *tables, bit_cursor *cursor, uint32_t number, bool first,
+  void (*begin)(bit_reader *reader, const block_stream *blocks, uint64_t bit);
+  bool (*parse)(const block_tables *tables, bit_reader *reader, uint32_t number, bool first,
                 entry_state *state);
   void (*inverse_dct)(float block[COEFFICIENTS]);
   void (*plain_inverse_dct)(float block[COEFFICIENTS]);

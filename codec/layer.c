@@ -78,8 +78,9 @@ slf_result layer_make_units(layer_state *layer, const char *name, slf_error *err
 void layer_make_scales(layer_state *layer) {
   for (int channel = 0; channel < 3; channel++)
     for (int i = 0; i < COEFFICIENTS; i++)
-      layer->scales[channel][i] = (float)(layer->steps[channel][i] / (double)(STEP_ONE * FINE) *
-                                          slf_aan[i / 8] * slf_aan[i % 8] / 8);
+      layer->scales[channel][i] =
+          (float)(layer->steps[channel][i] / ((double)STEP_ONE * layer->gains[STREAM_REST]) *
+                  slf_aan[i / 8] * slf_aan[i % 8] / 8);
 }
 
 void layer_set_curve(layer_state *layer) {

@@ -7,7 +7,7 @@
 
 enum {
   STEP_ONE = 16, /* steps are stored in sixteenths */
-  FINE = 4,      /* a level of the rest is so many fine levels; base and keys may be finer */
+  MAX_GAIN = 8,  /* fine levels in a level: the base and the keys are finer than the rest */
   LAYER_FIXED_NBYTES = 32 + 3 * COEFFICIENTS * 2,
   STREAM_HEADER_NBYTES = 12,
   MAX_RUN_LOG2 = 6,
@@ -86,7 +86,7 @@ slf_result layer_make_units(layer_state *layer, const char *name, slf_error *err
 void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2);
 void layer_set_curve(layer_state *layer); /* level_shift, from public's curve */
 slf_result layer_make_linear(layer_state *layer, const char *name, slf_error *error);
-void layer_make_scales(layer_state *layer); /* from steps */
+void layer_make_scales(layer_state *layer); /* from steps and gains */
 slf_result layer_make_base(layer_state *layer, const char *name, slf_error *error);
 void layer_free(layer_state *layer);
 
@@ -95,9 +95,8 @@ void layer_codes(const layer_state *layer, float channels[3][COEFFICIENTS],
                  uint16_t codes[COEFFICIENTS][3]);
 
 /* The HDR curve (OpenEXR's DWA): x^(1/2.2) up to 1, 1 + ln(x) / 2.2 above; a half's largest value,
- * 65504, is 6.041. In codes of 12 bits, 1 is DWA_SCALE. Fine levels must fit in 16 bits: 8 * 4095 /
- * (step / FINE) does from DWA_LEAST_STEP on. */
-enum { DWA_SCALE = 677, DWA_CODES = 4096, DWA_LEAST_STEP = 4 };
+ * 65504, is 6.041. In codes of 12 bits, 1 is DWA_SCALE. */
+enum { DWA_SCALE = 677, DWA_CODES = 4096 };
 uint16_t dwa_from_linear(float radiance); /* NaN and below 0 give 0 */
 float linear_from_dwa(uint16_t code);
 

@@ -12,15 +12,6 @@ static inline uint64_t load_be64(const uint8_t *p) {
   return value;
 }
 
-/* The next `count` bits at the top of `bits`. Beyond `last` the bytes there repeat: loads stay
- * inside the stream's padding, and a C-Block that runs there is damaged and comes out as some
- * levels. */
-typedef struct {
-  uint64_t bits;
-  int count;
-  const uint8_t *next, *last;
-} bit_reader;
-
 /* 56 bits or more (Giesen 2018, "Reading bits in far too many ways", variant 4). */
 static inline void refill(bit_reader *r) {
   r->next = r->next < r->last ? r->next : r->last;
@@ -44,17 +35,12 @@ static inline uint32_t take(bit_reader *r, unsigned count) {
   return value;
 }
 
-static bit_reader reader_at(const bit_cursor *cursor) {
-  uint64_t bit = cursor->bit < cursor->end_bit ? cursor->bit : cursor->end_bit;
+void reader_begin(bit_reader *r, const block_stream *blocks, uint64_t bit) {
+  uint64_t end = blocks->nbytes - STREAM_PAD_NBYTES;
   /* At most 8 bytes of what was loaded are still to be read: good blocks never meet this bound. */
-  bit_reader r = {0, 0, cursor->bytes + bit / 8, cursor->bytes + cursor->end_bit / 8 + 8};
-  refill(&r);
-  consume(&r, bit % 8);
-  return r;
-}
-
-static uint64_t reader_bit(const bit_reader *r, const bit_cursor *cursor) {
-  return (uint64_t)(r->next - cursor->bytes) * 8 - (uint64_t)r->count;
+  *r = (bit_reader){0, 0, blocks->bytes + bit / 8, blocks->bytes + end + 8};
+  refill(r);
+  consume(r, bit % 8);
 }
 
 /* ---- Symbols ------------------------------------------------------------------------------- */
@@ -71,10 +57,10 @@ static inline unsigned read_symbol(const huffman_decoder *decoder, bit_reader *r
 }
 
 static inline bool parse_dc(const block_tables *tables, int code, bit_reader *r, int32_t *level) {
-  uint64_t entry = tables->dc[code - CODE_DC][r->bits >> (64 - FAST_BITS)];
-  if (__builtin_expect((entry & 255) != 0, 1)) {
-    consume(r, entry & 255);
-    *level = (int16_t)(entry >> 32);
+  uint32_t entry = tables->dc[code - CODE_DC][r->bits >> (64 - FAST_DC_BITS)];
+  if (__builtin_expect(fast_taken(entry) != 0, 1)) {
+    consume(r, fast_taken(entry));
+    *level = (int32_t)entry >> 16;
     return true;
   }
   unsigned bits, size = read_symbol(&tables->decoders[code], r, &bits);
@@ -85,7 +71,8 @@ static inline bool parse_dc(const block_tables *tables, int code, bit_reader *r,
 
 /* A symbol that no table entry holds; refilled before. False if the channel cannot go on. */
 static __attribute__((noinline)) bool parse_long(const huffman_decoder *decoder, bit_reader *r,
-                                                 unsigned *k, int16_t *levels, bool *end) {
+                                                 bool skips, unsigned *k, int16_t *levels,
+                                                 bool *end) {
   unsigned bits, symbol = read_symbol(decoder, r, &bits), size = symbol & 15;
   int32_t level = 0;
   if (bits == 0) return false;
@@ -104,30 +91,30 @@ static __attribute__((noinline)) bool parse_long(const huffman_decoder *decoder,
   } else {
     return false;
   }
-  add_level(&levels[slf_zigzag[*k]], level);
+  if (!skips) add_level(&levels[slf_zigzag[*k]], level);
   return true;
 }
 
-static inline bool parse_ac(const block_tables *tables, int code, bit_reader *r, int16_t *levels) {
-  const uint64_t *table = tables->ac[code - CODE_AC];
+/* A channel's AC levels; levels are added, or where `skips` is set, passed over. */
+static inline __attribute__((always_inline)) bool
+parse_ac(const block_tables *tables, int code, bit_reader *r, bool skips, int16_t *levels) {
+  const uint32_t *table = tables->ac[code - CODE_AC];
   unsigned k = 0;
   for (;;) {
     if (__builtin_expect(r->count < FAST_BITS, 0)) refill(r);
-    uint64_t entry = table[r->bits >> (64 - FAST_BITS)];
-    if (__builtin_expect((entry & 255) == 0, 0)) {
+    uint32_t entry = table[r->bits >> (64 - FAST_BITS)];
+    if (__builtin_expect(fast_taken(entry) == 0, 0)) {
       bool end = false;
       refill(r);
-      if (!parse_long(&tables->decoders[code], r, &k, levels, &end)) return false;
+      if (!parse_long(&tables->decoders[code], r, skips, &k, levels, &end)) return false;
       if (end) return true;
     } else {
-      consume(r, entry & 255);
-      k += entry >> 8 & 255;
-      int16_t *first = &levels[slf_zigzag[k]];
-      k += entry >> 16 & 255;
-      int16_t *second = &levels[slf_zigzag[k]];
-      add_level(first, (int16_t)(entry >> 32));
-      add_level(second, (int16_t)(entry >> 48));
-      if (entry >> 24 & 1) return true;
+      consume(r, fast_taken(entry));
+      k += fast_step(entry);
+      if (!skips) add_level(&levels[slf_zigzag[k]], fast_level(entry));
+      k += fast_second_step(entry);
+      if (!skips) add_level(&levels[slf_zigzag[k]], fast_second_level(entry));
+      if (entry & FAST_END) return true;
     }
     if (__builtin_expect(k >= COEFFICIENTS, 0)) return false;
     code |= 1;
@@ -135,8 +122,9 @@ static inline bool parse_ac(const block_tables *tables, int code, bit_reader *r,
   }
 }
 
-static bool parse_head(const block_tables *tables, bit_reader *r, unsigned *head) {
-  unsigned entry = tables->head[r->bits >> (64 - FAST_BITS)], bits = entry & 255;
+static inline bool parse_head(const block_tables *tables, bit_reader *r, unsigned *head) {
+  refill(r);
+  unsigned entry = tables->head[r->bits >> (64 - FAST_DC_BITS)], bits = entry & 255;
   *head = entry >> 8;
   if (bits)
     consume(r, bits);
@@ -145,15 +133,16 @@ static bool parse_head(const block_tables *tables, bit_reader *r, unsigned *head
   return bits != 0 && *head >> 3 < PREDICTOR_COUNT;
 }
 
-/* Shifts are coded as their size over -16 .. 15, plus 16. */
+/* Shifts are coded as -16 .. 15, plus 16. */
 static bool parse_shift(const block_tables *tables, bit_reader *r, int *shift) {
   unsigned bits, symbol = read_symbol(&tables->decoders[CODE_SHIFT], r, &bits);
   *shift = (int)symbol - 16;
   return bits != 0 && symbol < 32;
 }
 
-static bool parse_levels(const block_tables *tables, unsigned head, bit_reader *r,
-                         entry_state *state) {
+static inline __attribute__((always_inline)) bool parse_levels(const block_tables *tables,
+                                                               unsigned head, bit_reader *r,
+                                                               bool skips, entry_state *state) {
   int residual = head >> 3 != PREDICT_INTRA;
   for (int channel = 0; channel < 3; channel++) {
     bool coded = head >> channel & 1;
@@ -165,20 +154,39 @@ static bool parse_levels(const block_tables *tables, unsigned head, bit_reader *
       add_level(&state->intra_dc[channel], dc);
       dc = state->intra_dc[channel];
     }
-    add_level(&state->levels[channel][0], dc);
-    if (coded && !parse_ac(tables, ac_code(residual, channel > 0, 0), r, state->levels[channel]))
-      return false;
+    if (!skips) add_level(&state->levels[channel][0], dc);
+    int code = ac_code(residual, channel > 0, 0);
+    if (coded && !parse_ac(tables, code, r, skips, state->levels[channel])) return false;
   }
   return true;
 }
 
-bool block_parse(const block_tables *tables, bit_cursor *cursor, uint32_t number, bool first,
+/* In wide stores: what a compiler makes of memset for so few bytes takes longer to begin. */
+static inline void clear_levels(entry_state *state) {
+  typedef uint64_t wide __attribute__((vector_size(32), aligned(2), may_alias));
+  wide *to = (wide *)(void *)state->levels;
+#pragma GCC unroll 15
+  for (size_t i = 0; i < sizeof state->levels / sizeof *to; i++) to[i] = (wide){0};
+}
+
+/* Field by field, so that they stay in registers. */
+static inline bit_reader reader_copy(const bit_reader *r) {
+  return (bit_reader){r->bits, r->count, r->next, r->last};
+}
+
+static inline void reader_update(bit_reader *to, const bit_reader *r) {
+  to->bits = r->bits;
+  to->count = r->count;
+  to->next = r->next;
+}
+
+bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t number, bool first,
                  entry_state *state) {
-  bit_reader r = reader_at(cursor);
+  bit_reader r = reader_copy(reader);
   unsigned head;
   bool good = parse_head(tables, &r, &head);
   if (good && head >> 3 != PREDICT_PREVIOUS) {
-    memset(state->levels, 0, sizeof state->levels);
+    clear_levels(state);
     state->ac_flags = 0;
     state->predictor = head >> 3;
     state->anchor = number;
@@ -186,10 +194,30 @@ bool block_parse(const block_tables *tables, bit_cursor *cursor, uint32_t number
       good = parse_shift(tables, &r, &state->shift_u) && parse_shift(tables, &r, &state->shift_v);
   } else if (first) {
     good = false;
-    memset(state->levels, 0, sizeof state->levels);
+    clear_levels(state);
   }
   state->ac_flags |= head & 7;
-  good = good && parse_levels(tables, head, &r, state);
-  cursor->bit = reader_bit(&r, cursor);
+  good = good && parse_levels(tables, head, &r, false, state);
+  reader_update(reader, &r);
   return good;
+}
+
+bool block_skip(const block_tables *tables, bit_reader *reader, entry_state *state,
+                bool *leans_on_previous) {
+  bit_reader r = reader_copy(reader);
+  unsigned head;
+  int shift;
+  bool good = parse_head(tables, &r, &head);
+  *leans_on_previous = head >> 3 == PREDICT_PREVIOUS;
+  if (good && head >> 3 == PREDICT_SHIFT)
+    good = parse_shift(tables, &r, &shift) && parse_shift(tables, &r, &shift);
+  good = good && parse_levels(tables, head, &r, true, state);
+  reader_update(reader, &r);
+  return good;
+}
+
+bool block_leans_on_previous(const block_tables *tables, const bit_reader *reader) {
+  bit_reader r = reader_copy(reader);
+  unsigned head;
+  return parse_head(tables, &r, &head) && head >> 3 == PREDICT_PREVIOUS;
 }

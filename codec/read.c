@@ -256,7 +256,6 @@ static slf_result read_fixed(layer_reader *r, slf_error *error) {
       r->state->steps[channel][slf_zigzag[k]] = (uint16_t)step;
     }
   layer_set_curve(r->state);
-  layer_make_scales(r->state);
   r->at += LAYER_FIXED_NBYTES;
   return SLF_OK;
 }
@@ -284,7 +283,7 @@ static slf_result read_stream(layer_reader *r, stream_kind kind, slf_error *erro
   const uint8_t *b = r->at;
   unsigned gain = b[0], run_log2 = b[1], used = get_u16(b + 2);
   stream->payload_bits = get_u64(b + 4);
-  if (gain < 1 || gain > FINE || run_log2 > MAX_RUN_LOG2 || used >> CODE_COUNT)
+  if (gain < 1 || gain > MAX_GAIN || run_log2 > MAX_RUN_LOG2 || used >> CODE_COUNT)
     return slf_fail(error, SLF_ERROR_FORMAT, "%s: stream %d: gain %u, run %u, codes %#x", r->name,
                     kind, gain, run_log2, used);
   r->at += STREAM_HEADER_NBYTES;
@@ -322,6 +321,7 @@ static slf_result read_layer(slf_file *file, uint32_t surface_index, uint32_t la
   if (result == SLF_OK) result = layer_make_units(r.state, r.name, error);
   for (int kind = 0; kind < STREAM_COUNT && result == SLF_OK; kind++)
     if (layer_has(r.state, kind)) result = read_stream(&r, kind, error);
+  if (result == SLF_OK) layer_make_scales(r.state);
   if (result == SLF_OK && layer_has(r.state, STREAM_BASE))
     result = layer_make_base(r.state, r.name, error);
   if (result == SLF_OK && r.state->public.curve == SLF_CURVE_DWA)
@@ -470,18 +470,19 @@ uint64_t slf_file_nbytes(const slf_file *file) {
 static slf_result verify_unit(const layer_state *layer, stream_kind kind, uint32_t unit,
                               uint32_t slice_count, const char *name, slf_error *error) {
   const layer_stream *stream = &layer->streams[kind];
-  bit_cursor cursor = {stream->blocks.bytes, 0, (stream->blocks.nbytes - STREAM_PAD_NBYTES) * 8};
+  bit_reader reader;
   entry_state state;
   uint32_t number = 0;
   for (uint64_t place = 0; place < layer_place_count(layer); place++) {
     if (place % stream->run_places == 0) {
-      cursor.bit = layer->kernel->find(&stream->blocks, unit * stream->entries_per_unit +
-                                                            place / stream->run_places);
+      uint64_t bit = layer->kernel->find(&stream->blocks, unit * stream->entries_per_unit +
+                                                              place / stream->run_places);
+      layer->kernel->begin(&reader, &stream->blocks, bit);
       entry_begin(&state);
       number = 0;
     }
     for (uint32_t i = 0; i < slice_count; i++)
-      if (!layer->kernel->parse(stream->tables, &cursor, number++, i == 0, &state))
+      if (!layer->kernel->parse(stream->tables, &reader, number++, i == 0, &state))
         return slf_fail(error, SLF_ERROR_FORMAT,
                         "%s: stream %d: block %" PRIu64 " of unit %u does not parse", name, kind,
                         place, unit);

@@ -1,6 +1,6 @@
 /* stream.h - a chunk of C-Blocks: runs of bits, found by their number.
  *
- * A stream is a list of entries, each some bits long. 128 entries make a segment: their bit offsets
+ * A stream is a list of entries, each some bits long. 256 entries make a segment: their bit offsets
  * in Elias-Fano form, then their bits. A directory of 6 bytes a segment finds the segments.
  * FORMAT.md, "Block streams". */
 #ifndef SLF_STREAM_H
@@ -9,7 +9,7 @@
 #include "codec/format.h"
 
 enum {
-  SEGMENT_ENTRIES = 128,
+  SEGMENT_ENTRIES = 256,
   DIRECTORY_ENTRY_NBYTES = 6,
   STREAM_PAD_NBYTES = 16 /* zeros at the end, so that a reader may load 8 bytes anywhere before */
 };

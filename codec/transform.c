@@ -4,6 +4,10 @@
  * and products stay the same ones. */
 #include "codec/kernel.h"
 
+#ifdef __AVX2__
+#include <immintrin.h>
+#endif
+
 typedef float lanes __attribute__((vector_size(32)));
 typedef int32_t int_lanes __attribute__((vector_size(32)));
 typedef int16_t short_lanes __attribute__((vector_size(16)));
@@ -12,8 +16,27 @@ static inline __attribute__((always_inline)) lanes splat(float x) {
   return (lanes){x, x, x, x, x, x, x, x};
 }
 
+/* The same where they stand in memory. A copy by memcpy would go through 16-byte registers, and the
+ * wide loads that follow would wait for it. */
+typedef lanes lanes_at __attribute__((aligned(4), may_alias));
+typedef uint16_t words_at __attribute__((vector_size(16), aligned(2), may_alias));
+
 static inline __attribute__((always_inline)) void load(const float *from, lanes b[8]) {
-  memcpy(b, from, 8 * sizeof *b);
+#pragma GCC unroll 8
+  for (int i = 0; i < 8; i++) b[i] = *(const lanes_at *)(from + 8 * i);
+}
+
+static inline __attribute__((always_inline)) void store(const lanes b[8], float *to) {
+#pragma GCC unroll 8
+  for (int i = 0; i < 8; i++) *(lanes_at *)(to + 8 * i) = b[i];
+}
+
+static inline __attribute__((always_inline)) lanes to_lanes(short_lanes x) {
+#ifdef __AVX2__ /* what GCC 12 makes of the general form takes four instructions */
+  return (lanes)_mm256_cvtepi32_ps(_mm256_cvtepi16_epi32((__m128i)x));
+#else
+  return __builtin_convertvector(__builtin_convertvector(x, int_lanes), lanes);
+#endif
 }
 
 /* Arai, Agui and Nakajima's inverse along the index, in each lane. */
@@ -67,7 +90,7 @@ void inverse_dct(float block[COEFFICIENTS]) {
   lanes b[8];
   load(block, b);
   inverse(b);
-  memcpy(block, b, sizeof b);
+  store(b, block);
 }
 
 void plain_inverse_dct(float block[COEFFICIENTS]) {
@@ -106,7 +129,7 @@ void forward_dct(const float texels[COEFFICIENTS], float coefficients[COEFFICIEN
   forward_pass(rows, once); /* down the columns: [vertical][x] */
   transpose(once);          /* [x][vertical] */
   forward_pass(once, rows); /* [horizontal][vertical] */
-  memcpy(coefficients, rows, sizeof rows);
+  store(rows, coefficients);
 }
 
 /* ---- Levels -------------------------------------------------------------------------------- */
@@ -119,17 +142,11 @@ static inline __attribute__((always_inline)) void channel_texels(const int16_t *
                                                                  uint16_t gain, const float *scales,
                                                                  lanes b[8]) {
   load(scales, b);
+#pragma GCC unroll 8
   for (int i = 0; i < 8; i++) {
-    word_lanes level;
-    memcpy(&level, levels + 8 * i, sizeof level);
-    level *= gain;
-    if (prediction) {
-      word_lanes predicted;
-      memcpy(&predicted, prediction + 8 * i, sizeof predicted);
-      level += predicted;
-    }
-    int_lanes wide = __builtin_convertvector((short_lanes)level, int_lanes);
-    b[i] *= __builtin_convertvector(wide, lanes);
+    word_lanes level = *(const words_at *)(levels + 8 * i) * gain;
+    if (prediction) level += *(const words_at *)(prediction + 8 * i);
+    b[i] *= to_lanes((short_lanes)level);
   }
   inverse(b);
 }
@@ -144,6 +161,7 @@ static inline __attribute__((always_inline)) void flat_texels(int16_t level, uin
 static inline __attribute__((always_inline)) void
 make_texels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
             const entry_state *state, uint32_t gain, lanes b[3][8]) {
+#pragma GCC unroll 3
   for (int c = 0; c < 3; c++) {
     if (prediction)
       channel_texels(prediction[c], state->levels[c], (uint16_t)gain, layer->scales[c], b[c]);
@@ -154,28 +172,37 @@ make_texels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
   }
 }
 
-/* Clamped to 0 .. 255 and rounded. */
-static inline __attribute__((always_inline)) int_lanes to_code(lanes x) {
-  const lanes low = splat(0), high = splat(255);
-  int_lanes above_low = x > low, below_high = x < high;
-  x = (lanes)((int_lanes)x & above_low);
-  x = (lanes)(((int_lanes)x & below_high) | ((int_lanes)high & ~below_high));
-  return __builtin_convertvector(x + splat(0.5f), int_lanes);
+/* Codes of 8 texels, rounded down and clamped: the rounding half is in luma already. */
+static inline __attribute__((always_inline)) void pack_codes(lanes red, lanes green, lanes blue,
+                                                             uint8_t *to) {
+#ifdef __AVX2__
+  __m256i r = _mm256_cvttps_epi32((__m256)red), g = _mm256_cvttps_epi32((__m256)green);
+  __m256i b = _mm256_cvttps_epi32((__m256)blue), x = _mm256_set1_epi32(255);
+  __m256i bytes = _mm256_packus_epi16(_mm256_packs_epi32(r, g), _mm256_packs_epi32(b, x));
+  const __m256i order = _mm256_setr_epi8(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15, 0, 4,
+                                         8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
+  _mm256_storeu_si256((__m256i *)to, _mm256_shuffle_epi8(bytes, order));
+#else
+  int_lanes codes[3] = {__builtin_convertvector(red, int_lanes),
+                        __builtin_convertvector(green, int_lanes),
+                        __builtin_convertvector(blue, int_lanes)};
+  for (int i = 0; i < 8; i++) {
+    for (int c = 0; c < 3; c++) {
+      int32_t code = codes[c][i];
+      to[4 * i + c] = (uint8_t)(code < 0 ? 0 : code > 255 ? 255 : code);
+    }
+    to[4 * i + 3] = 255;
+  }
+#endif
 }
 
 /* JFIF's colours; the level shift of 128 is luma's alone. */
 static inline __attribute__((always_inline)) void put_codes(lanes b[3][8], uint8_t *u_block) {
+#pragma GCC unroll 8
   for (int y = 0; y < 8; y++) {
-    lanes luma = b[0][y] + splat(128), cb = b[1][y], cr = b[2][y];
-    int_lanes red = to_code(luma + splat(1.402f) * cr);
-    int_lanes green = to_code(luma - splat(0.344136f) * cb - splat(0.714136f) * cr);
-    int_lanes blue = to_code(luma + splat(1.772f) * cb);
-#if __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
-    int_lanes texels = red | green << 8 | blue << 16 | (int32_t)0xff000000;
-#else
-    int_lanes texels = red << 24 | green << 16 | blue << 8 | 255;
-#endif
-    memcpy(u_block + 32 * y, &texels, sizeof texels);
+    lanes luma = b[0][y] + splat(128.5f), cb = b[1][y], cr = b[2][y];
+    pack_codes(luma + splat(1.402f) * cr, luma - splat(0.344136f) * cb - splat(0.714136f) * cr,
+               luma + splat(1.772f) * cb, u_block + 32 * y);
   }
 }
 
@@ -183,12 +210,12 @@ void levels_to_channels(const layer_state *layer, const int16_t prediction[3][CO
                         const entry_state *state, uint32_t gain, float channels[3][COEFFICIENTS]) {
   lanes b[3][8];
   make_texels(layer, prediction, state, gain, b);
-  memcpy(channels, b, sizeof b);
+  for (int c = 0; c < 3; c++) store(b[c], channels[c]);
 }
 
 void channels_to_codes(float channels[3][COEFFICIENTS], uint8_t *u_block) {
   lanes b[3][8];
-  memcpy(b, channels, sizeof b);
+  for (int c = 0; c < 3; c++) load(channels[c], b[c]);
   put_codes(b, u_block);
 }
 

@@ -45,3 +45,5 @@ check: all unit-suites build/clang.ok build/tests/images/compare build/tests/pon
 
 format: | $(CHECK_DEPS) ## Lay out the sources with clang-format
 	clang-format -i $(wildcard codec/*.[ch] bake/*.[ch] viewer/*.[ch] tests/*/*.[ch])
+
+include tests/report/report.mk

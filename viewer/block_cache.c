@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "half.h"
+
 enum { PINNED_COUNT = 2 * BLOCK_MAX_SLICES };
 
 /* key: layer number << 38 | block number << 16 | slice. Blocks number at most 2^22 a layer, layers
@@ -21,12 +23,14 @@ typedef struct {
   uint32_t surface, layer;
   uint32_t block_u_count;
   uint64_t key_base;
+  u_block_format format;
 } cached_layer;
 
 struct block_cache {
   const slf_file *file;
   size_t capacity, slot_count, resident;
-  uint8_t *u_blocks;     /* slot_count blocks */
+  uint8_t *u_blocks;     /* slot_count blocks of u_block_nbytes */
+  size_t u_block_nbytes; /* of the largest format that a layer of the file has */
   uint64_t *slot_keys;   /* no_key when free */
   uint32_t *slot_frames; /* the frame that decompressed it */
   uint32_t *free_slots;
@@ -103,6 +107,19 @@ static void begin_fetch(block_cache *cache, size_t count) {
   cache->latest_count = count;
 }
 
+static void decode_half(const cached_layer *layer, const slf_block_address *addresses, size_t count,
+                        uint8_t *const *targets) {
+  for (size_t i = 0; i < count; i++) {
+    float rgb[3 * 64];
+    uint16_t *out = (uint16_t *)(void *)targets[i];
+    slf_decode_block_linear(layer->cache->file, layer->surface, layer->layer, addresses[i], rgb);
+    for (int k = 0; k < 64; k++, out += 4) {
+      for (int c = 0; c < 3; c++) out[c] = half_from_float(half_range(rgb[3 * k + c]));
+      out[3] = HALF_ONE;
+    }
+  }
+}
+
 static void fetch_blocks(void *context, uint32_t block_u, uint32_t block_v,
                          const slice_index *slices, size_t count, const uint8_t **u_blocks) {
   cached_layer *layer = context;
@@ -127,10 +144,10 @@ static void fetch_blocks(void *context, uint32_t block_u, uint32_t block_v,
                                                    .t = slices[i] & 0xff,
                                                    .block_u = (uint16_t)block_u,
                                                    .block_v = (uint16_t)block_v};
-      targets[missing_count++] = cache->u_blocks + (size_t)slot * SLF_BLOCK_NBYTES;
+      targets[missing_count++] = cache->u_blocks + (size_t)slot * cache->u_block_nbytes;
     }
     entry->stamp = cache->stamp;
-    u_blocks[i] = cache->u_blocks + (size_t)entry->slot * SLF_BLOCK_NBYTES;
+    u_blocks[i] = cache->u_blocks + (size_t)entry->slot * cache->u_block_nbytes;
   }
   cache->counts.lookups += count;
   cache->counts.frame_lookups += count;
@@ -138,7 +155,10 @@ static void fetch_blocks(void *context, uint32_t block_u, uint32_t block_v,
   if (missing_count == 0) return;
   cache->counts.decompressions += missing_count;
   cache->counts.frame_decompressions += missing_count;
-  slf_decode_blocks(cache->file, layer->surface, layer->layer, missing, missing_count, targets);
+  if (layer->format == U_BLOCK_CODES)
+    slf_decode_blocks(cache->file, layer->surface, layer->layer, missing, missing_count, targets);
+  else
+    decode_half(layer, missing, missing_count, targets);
 }
 
 void block_cache_clear(block_cache *cache) {
@@ -165,12 +185,15 @@ static bool number_layers(block_cache *cache) {
   for (uint32_t i = 0; i < surface_count; i++)
     for (uint32_t k = 0; k < slf_get_surface(cache->file, i)->layer_count; k++) {
       uint32_t number = cache->first_layer[i] + k;
-      cache->layers[number] =
-          (cached_layer){.cache = cache,
-                         .surface = i,
-                         .layer = k,
-                         .block_u_count = slf_get_surface(cache->file, i)->layers[k].block_u_count,
-                         .key_base = (uint64_t)number << 38};
+      const slf_layer *shape = &slf_get_surface(cache->file, i)->layers[k];
+      u_block_format format = shape->curve == SLF_CURVE_DWA ? U_BLOCK_HALF : U_BLOCK_CODES;
+      if (format == U_BLOCK_HALF) cache->u_block_nbytes = U_BLOCK_HALF_NBYTES;
+      cache->layers[number] = (cached_layer){.cache = cache,
+                                             .surface = i,
+                                             .layer = k,
+                                             .block_u_count = shape->block_u_count,
+                                             .key_base = (uint64_t)number << 38,
+                                             .format = format};
     }
   return true;
 }
@@ -185,13 +208,15 @@ block_cache *block_cache_create(const slf_file *file, size_t capacity) {
   uint64_t table_count = 4;
   while (table_count < 2 * cache->slot_count) table_count *= 2;
   cache->table_mask = table_count - 1;
-  cache->u_blocks = aligned_alloc(64, cache->slot_count * SLF_BLOCK_NBYTES);
+  cache->u_block_nbytes = SLF_BLOCK_NBYTES;
+  if (number_layers(cache))
+    cache->u_blocks = aligned_alloc(64, cache->slot_count * cache->u_block_nbytes);
   cache->slot_keys = malloc(cache->slot_count * sizeof *cache->slot_keys);
   cache->slot_frames = malloc(cache->slot_count * sizeof *cache->slot_frames);
   cache->free_slots = malloc(cache->slot_count * sizeof *cache->free_slots);
   cache->table = aligned_alloc(64, table_count * sizeof *cache->table);
   if (!cache->u_blocks || !cache->slot_keys || !cache->slot_frames || !cache->free_slots ||
-      !cache->table || !number_layers(cache)) {
+      !cache->table) {
     block_cache_free(cache);
     return NULL;
   }
@@ -232,7 +257,7 @@ size_t block_cache_resident(const block_cache *cache) {
 
 size_t block_cache_nbytes(const block_cache *cache) {
   return sizeof *cache +
-         cache->slot_count * (SLF_BLOCK_NBYTES + sizeof *cache->slot_keys +
+         cache->slot_count * (cache->u_block_nbytes + sizeof *cache->slot_keys +
                               sizeof *cache->slot_frames + sizeof *cache->free_slots) +
          (cache->table_mask + 1) * sizeof *cache->table;
 }

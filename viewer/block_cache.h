@@ -5,8 +5,11 @@
  * works: N = 0 decompresses whatever a block of texels needs and keeps nothing. Replacement is
  * least-recently-used by second chance (a clock), so that a hit costs one flag and no list.
  *
- * Memory: (N + 512) * (256 + 12) bytes and a table of 16 bytes times the power of two from twice
- * that number on. A cache belongs to one thread at a time; several may share a slf_file. */
+ * U-Blocks are sRGB codes; those of layers with SLF_CURVE_DWA are half floats.
+ *
+ * Memory: (N + 512) * (256 + 16) bytes (512 + 16 if the file has a layer with SLF_CURVE_DWA) and a
+ * table of 16 bytes times the power of two from twice that number on. A cache belongs to one thread
+ * at a time; several may share a slf_file. */
 #ifndef BLOCK_CACHE_H
 #define BLOCK_CACHE_H
 

@@ -12,10 +12,18 @@ enum { BLOCK_MAX_SLICES = 256 };
 /* A slice, s_index << 8 | t_index. */
 typedef uint16_t slice_index;
 
-/* Sets u_blocks[i] to the U-Block (SLF_BLOCK_NBYTES, as in slf.h) of slices[i] at block (block_u,
- * block_v) of the source's layer, for i < count <= BLOCK_MAX_SLICES. The slices differ from each
- * other. The addresses stay valid until the call after the next one, so that one block can be
- * fetched while the block before it is mixed. */
+/* What a U-Block holds: 8 rows of 8 texels R G B X; half floats for a layer with SLF_CURVE_DWA. */
+typedef enum {
+  U_BLOCK_CODES, /* sRGB codes, SLF_BLOCK_NBYTES */
+  U_BLOCK_HALF   /* linear radiance as half floats, non-negative and finite, U_BLOCK_HALF_NBYTES */
+} u_block_format;
+
+enum { U_BLOCK_HALF_NBYTES = 512 };
+
+/* Sets u_blocks[i] to the U-Block of slices[i] at block (block_u, block_v) of the source's layer,
+ * for i < count <= BLOCK_MAX_SLICES. The slices differ from each other. The addresses stay valid
+ * until the call after the next one, so that one block can be fetched while the block before it is
+ * mixed. */
 typedef struct {
   void (*fetch)(void *context, uint32_t block_u, uint32_t block_v, const slice_index *slices,
                 size_t count, const uint8_t **u_blocks);

@@ -21,7 +21,7 @@ static bool unit(const double v[3], float out[3]) {
 }
 
 camera camera_of_view(const slf_view *view, int width_px, int height_px) {
-  camera c;
+  camera c = {.angle_deg = 0};
   double forward[3];
   for (int k = 0; k < 3; k++) {
     c.location[k] = held(view->location[k]);

@@ -4,8 +4,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "gl_api.h"
+#include "half.h"
 
 /* Not in GL 3.3 core, but in every driver; where it is missing, filtering is only trilinear. */
 #define TEXTURE_MAX_ANISOTROPY 0x84FE
@@ -22,20 +24,25 @@ typedef struct {
   GLsizei index_count;
   drawn_layer *layers;
   uint32_t layer_count;
-  water *water; /* or NULL */
+  water *water;  /* or NULL */
+  bool was_bent; /* the latest texture shows ripples */
 } drawn_surface;
 
 struct drawing {
   const slf_file *file;
-  drawing_mix mix;
   block_cache *cache;
   drawn_surface *surfaces;
   uint32_t surface_count;
   float centre[3], radius; /* a sphere around all vertices */
   GLuint program;
-  GLint clip_uniform, paint_uniform;
+  GLint clip_uniform, paint_uniform, tone_uniform;
   GLuint framebuffer, colour, depth;
   int width_px, height_px;
+  drawing_look look;
+  drawing_cost cost;
+  GLint most_anisotropic; /* 1: the driver has none */
+  camera latest;          /* what the textures show */
+  bool textures_valid;
 };
 
 /* Colour comes premultiplied by coverage: texels that were not made are zeros, so that bilinear,
@@ -50,52 +57,32 @@ static const char vertex_shader[] = "#version 330 core\n"
                                     "  texel = uv;\n"
                                     "  gl_Position = clip * vec4(position, 1.0);\n"
                                     "}\n";
-static const char fragment_shader[] = "#version 330 core\n"
-                                      "uniform sampler2D light;\n"
-                                      "uniform vec4 paint;\n"
-                                      "in vec2 texel;\n"
-                                      "out vec4 colour;\n"
-                                      "void main() {\n"
-                                      "  vec4 sum = texture(light, texel);\n"
-                                      "  vec3 radiance = sum.rgb / max(sum.a, 1.0 / 65536.0);\n"
-                                      "  colour = vec4(mix(radiance, paint.rgb, paint.a), 1.0);\n"
-                                      "}\n";
+static const char fragment_shader[] =
+    "#version 330 core\n"
+    "uniform sampler2D light;\n"
+    "uniform vec4 paint;\n"
+    "uniform vec4 tone;\n" /* exposure, and whether to map */
+    "in vec2 texel;\n"
+    "out vec4 colour;\n"
+    "void main() {\n"
+    "  vec4 sum = texture(light, texel);\n"
+    "  vec3 radiance = sum.rgb / max(sum.a, 1.0 / 65536.0);\n"
+    "  radiance *= tone.x;\n"
+    "  if (tone.y > 0.0) radiance = radiance / (1.0 + radiance);\n"
+    "  colour = vec4(mix(radiance, paint.rgb, paint.a), 1.0);\n"
+    "}\n";
 
 static slf_result fail(slf_error *error, slf_result result, const char *message) {
   snprintf(error->message, sizeof error->message, "%s", message);
   return result;
 }
 
-static GLuint compile(GLenum kind, const char *source, slf_error *error) {
-  GLuint shader = gl.CreateShader(kind);
-  GLint ok = 0;
-  gl.ShaderSource(shader, 1, &source, NULL);
-  gl.CompileShader(shader);
-  gl.GetShaderiv(shader, GL_COMPILE_STATUS, &ok);
-  if (ok) return shader;
-  gl.GetShaderInfoLog(shader, sizeof error->message, NULL, error->message);
-  gl.DeleteShader(shader);
-  return 0;
-}
-
 static slf_result link_program(drawing *d, slf_error *error) {
-  GLuint vertex = compile(GL_VERTEX_SHADER, vertex_shader, error);
-  GLuint fragment = compile(GL_FRAGMENT_SHADER, fragment_shader, error);
-  if (!vertex || !fragment) return SLF_ERROR_IO;
-  GLint ok = 0;
-  d->program = gl.CreateProgram();
-  gl.AttachShader(d->program, vertex);
-  gl.AttachShader(d->program, fragment);
-  gl.LinkProgram(d->program);
-  gl.DeleteShader(vertex);
-  gl.DeleteShader(fragment);
-  gl.GetProgramiv(d->program, GL_LINK_STATUS, &ok);
-  if (!ok) {
-    gl.GetProgramInfoLog(d->program, sizeof error->message, NULL, error->message);
-    return SLF_ERROR_IO;
-  }
+  slf_result result = gl_link_program(vertex_shader, fragment_shader, &d->program, error);
+  if (result != SLF_OK) return result;
   d->clip_uniform = gl.GetUniformLocation(d->program, "clip");
   d->paint_uniform = gl.GetUniformLocation(d->program, "paint");
+  d->tone_uniform = gl.GetUniformLocation(d->program, "tone");
   return SLF_OK;
 }
 
@@ -154,7 +141,14 @@ static bool has_extension(const char *name) {
   return false;
 }
 
-static void create_texture(drawn_layer *layer, const slf_surface *surface) {
+static void filter_texture(const drawing *d, const drawn_layer *layer) {
+  if (d->most_anisotropic == 1) return;
+  gl.BindTexture(GL_TEXTURE_2D, layer->texture);
+  gl.TexParameterf(GL_TEXTURE_2D, TEXTURE_MAX_ANISOTROPY,
+                   d->look.anisotropic ? (float)d->most_anisotropic : 1);
+}
+
+static void create_texture(const drawing *d, drawn_layer *layer, const slf_surface *surface) {
   bool wrap_u = surface->flags & SLF_SURFACE_WRAP_U, wrap_v = surface->flags & SLF_SURFACE_WRAP_V;
   gl.GenTextures(1, &layer->texture);
   gl.BindTexture(GL_TEXTURE_2D, layer->texture);
@@ -162,11 +156,7 @@ static void create_texture(drawn_layer *layer, const slf_surface *surface) {
   gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, wrap_v ? GL_REPEAT : GL_CLAMP_TO_EDGE);
   gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
   gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);
-  if (has_extension("GL_EXT_texture_filter_anisotropic")) {
-    GLint most = 1;
-    gl.GetIntegerv(MAX_TEXTURE_MAX_ANISOTROPY, &most);
-    gl.TexParameterf(GL_TEXTURE_2D, TEXTURE_MAX_ANISOTROPY, (float)most);
-  }
+  filter_texture(d, layer);
 }
 
 static void upload_texels(const drawn_layer *layer, const texture *x) {
@@ -194,23 +184,42 @@ static void upload_nothing(const texture *x) {
   gl.PixelStorei(GL_UNPACK_ROW_LENGTH, 0);
 }
 
+static void decode_matte_block(const drawing *d, uint32_t surface, uint32_t layer_index, bool half,
+                               slf_block_address address, uint8_t *u_block) {
+  float rgb[3 * 64];
+  if (!half) {
+    slf_decode_block(d->file, surface, layer_index, address, u_block);
+    return;
+  }
+  uint16_t *texel = (uint16_t *)(void *)u_block;
+  slf_decode_block_linear(d->file, surface, layer_index, address, rgb);
+  for (int k = 0; k < 64; k++, texel += 4) {
+    for (int c = 0; c < 3; c++) texel[c] = half_from_float(half_range(rgb[3 * k + c]));
+    texel[3] = HALF_ONE;
+  }
+}
+
 /* A matte layer is one slice, shown as it is. */
 static bool upload_matte(const drawing *d, uint32_t surface, uint32_t layer_index,
                          const slf_layer *shape) {
-  size_t row_nbytes = (size_t)shape->block_u_count * 32;
+  bool half = shape->curve == SLF_CURVE_DWA;
+  size_t block_row_nbytes = half ? 64 : 32;
+  size_t row_nbytes = (size_t)shape->block_u_count * block_row_nbytes;
   uint8_t *texels = malloc(row_nbytes * 8 * shape->block_v_count);
   if (!texels) return false;
   for (uint32_t bv = 0; bv < shape->block_v_count; bv++)
     for (uint32_t bu = 0; bu < shape->block_u_count; bu++) {
-      uint8_t u_block[SLF_BLOCK_NBYTES];
+      _Alignas(16) uint8_t u_block[U_BLOCK_HALF_NBYTES];
       slf_block_address address = {.block_u = (uint16_t)bu, .block_v = (uint16_t)bv};
-      slf_decode_block(d->file, surface, layer_index, address, u_block);
+      decode_matte_block(d, surface, layer_index, half, address, u_block);
       for (size_t row = 0; row < 8; row++)
-        memcpy(texels + (8 * bv + row) * row_nbytes + (size_t)bu * 32, u_block + 32 * row, 32);
+        memcpy(texels + (8 * bv + row) * row_nbytes + bu * block_row_nbytes,
+               u_block + block_row_nbytes * row, block_row_nbytes);
     }
   gl.PixelStorei(GL_UNPACK_ROW_LENGTH, (GLint)(8 * shape->block_u_count));
-  gl.TexImage2D(GL_TEXTURE_2D, 0, GL_SRGB8_ALPHA8, (GLsizei)shape->u_count, (GLsizei)shape->v_count,
-                0, GL_RGBA, GL_UNSIGNED_BYTE, texels);
+  gl.TexImage2D(GL_TEXTURE_2D, 0, half ? GL_RGBA16F : GL_SRGB8_ALPHA8, (GLsizei)shape->u_count,
+                (GLsizei)shape->v_count, 0, GL_RGBA, half ? GL_HALF_FLOAT : GL_UNSIGNED_BYTE,
+                texels);
   gl.PixelStorei(GL_UNPACK_ROW_LENGTH, 0);
   gl.GenerateMipmap(GL_TEXTURE_2D);
   free(texels);
@@ -218,13 +227,13 @@ static bool upload_matte(const drawing *d, uint32_t surface, uint32_t layer_inde
 }
 
 /* A shiny flat surface that the file marks so. */
-static slf_result create_water(drawing *d, uint32_t index, slf_error *error) {
+static slf_result create_water(drawing *d, uint32_t index, uint32_t cells, slf_error *error) {
   const slf_surface *surface = slf_get_surface(d->file, index);
   if (!(surface->flags & SLF_SURFACE_WATER) || surface->layer_count == 0) return SLF_OK;
   if (d->surfaces[index].layers[0].matte) return SLF_OK;
   const slf_layer *shape = &surface->layers[0];
-  return water_create(d->file, index, shape->u_count, shape->v_count, 0, &d->surfaces[index].water,
-                      error);
+  return water_create(d->file, index, shape->u_count, shape->v_count, cells,
+                      &d->surfaces[index].water, error);
 }
 
 /* Whether a layer is what a flat surface reflects, with its heights. */
@@ -236,17 +245,22 @@ static bool has_depth(const slf_surface *surface, uint32_t k, float scale[4]) {
          flat_texel_scale(&surface->mesh, shape->u_count, shape->v_count, scale);
 }
 
+static block_source source_of(const drawing *d, uint32_t index, uint32_t k,
+                              const drawing_options *o) {
+  return o->source ? o->source(o->source_context, index, k) : block_cache_layer(d->cache, index, k);
+}
+
 static bool create_depth_mixer(drawing *d, uint32_t index, uint32_t k, const slf_layer *drawn,
-                               const float scale[4]) {
+                               const float scale[4], const drawing_options *o) {
   const slf_layer *shape = &slf_get_surface(d->file, index)->layers[k];
   texture *x = &d->surfaces[index].layers[k].texels;
-  x->depth = depth_mixer_create(shape, block_cache_layer(d->cache, index, k), shape + 1,
-                                block_cache_layer(d->cache, index, k + 1), scale, drawn->u_count,
-                                drawn->v_count);
+  x->depth =
+      depth_mixer_create(shape, source_of(d, index, k, o), shape + 1, source_of(d, index, k + 1, o),
+                         scale, drawn->u_count, drawn->v_count);
   return x->depth;
 }
 
-static bool create_surface(drawing *d, uint32_t index, uint32_t dice_px) {
+static bool create_surface(drawing *d, uint32_t index, const drawing_options *o) {
   const slf_surface *surface = slf_get_surface(d->file, index);
   drawn_surface *s = &d->surfaces[index];
   s->layers = calloc(surface->layer_count + (size_t)1, sizeof *s->layers);
@@ -255,8 +269,9 @@ static bool create_surface(drawing *d, uint32_t index, uint32_t dice_px) {
   for (uint32_t k = 0; k < surface->layer_count; k++) {
     const slf_layer *shape = &surface->layers[k];
     drawn_layer *layer = &s->layers[k];
-    if (shape->role == SLF_ROLE_HEIGHT) continue;
-    create_texture(layer, surface);
+    layer->matte = shape->role == SLF_ROLE_HEIGHT;
+    if (layer->matte) continue; /* nothing to see */
+    create_texture(d, layer, surface);
     layer->matte = shape->s_count == 1 && shape->t_count == 1;
     if (layer->matte) {
       if (!upload_matte(d, index, k, shape)) return false;
@@ -264,13 +279,13 @@ static bool create_surface(drawing *d, uint32_t index, uint32_t dice_px) {
     }
     slf_layer drawn = *shape; /* its texels */
     float scale[4];
-    bool by_depth = d->mix == MIX_DEPTH && has_depth(surface, k, scale);
+    bool by_depth = o->mix == MIX_DEPTH && has_depth(surface, k, scale);
     if (by_depth && !(surface->flags & SLF_SURFACE_WATER)) drawn.u_count *= 2, drawn.v_count *= 2;
-    if (!texture_create(&layer->texels, &surface->mesh, &drawn,
-                        block_cache_layer(d->cache, index, k), dice_px))
+    if (!texture_create(&layer->texels, &surface->mesh, &drawn, source_of(d, index, k, o),
+                        o->dice_px))
       return false;
     upload_nothing(&layer->texels);
-    if (by_depth && !create_depth_mixer(d, index, k, &drawn, scale)) return false;
+    if (by_depth && !create_depth_mixer(d, index, k, &drawn, scale, o)) return false;
   }
   return true;
 }
@@ -303,7 +318,10 @@ slf_result drawing_create(const slf_file *file, drawing_options options, drawing
   drawing *d = calloc(1, sizeof *d);
   if (!d) return fail(error, SLF_ERROR_MEMORY, "out of memory");
   d->file = file;
-  d->mix = options.mix;
+  d->look.anisotropic = true;
+  d->most_anisotropic = 1;
+  if (has_extension("GL_EXT_texture_filter_anisotropic"))
+    gl.GetIntegerv(MAX_TEXTURE_MAX_ANISOTROPY, &d->most_anisotropic);
   slf_result result = link_program(d, error);
   if (result != SLF_OK) goto refused;
   result = SLF_ERROR_MEMORY;
@@ -312,9 +330,9 @@ slf_result drawing_create(const slf_file *file, drawing_options options, drawing
   if (!d->cache || !d->surfaces) goto out_of_memory;
   d->surface_count = slf_surface_count(file);
   for (uint32_t i = 0; i < d->surface_count; i++)
-    if (!create_surface(d, i, options.dice_px)) goto out_of_memory;
+    if (!create_surface(d, i, &options)) goto out_of_memory;
   for (uint32_t i = 0; i < d->surface_count; i++)
-    if ((result = create_water(d, i, error)) != SLF_OK) goto refused;
+    if ((result = create_water(d, i, options.water_cells, error)) != SLF_OK) goto refused;
   bound_scene(d);
   *out = d;
   return SLF_OK;
@@ -389,26 +407,75 @@ static void clip_planes(const drawing *d, const camera *c, float *z_near, float 
   if (!(*z_far > *z_near * 1.0001f)) *z_far = *z_near * 1.0001f; /* rounding, very far away */
 }
 
+static double now_s(void) {
+  struct timespec t;
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static void update_layer(drawing *d, drawn_layer *layer, water *w, direction_bend bend,
+                         const camera *c) {
+  texture *x = &layer->texels;
+  double start_s = now_s();
+  texture_update(x, c, bend);
+  if (w) water_finish_frame(w, x->levels[0].texels, x->levels[0].row_nbytes);
+  texture_make_levels(x);
+  double made_s = now_s();
+  upload_texels(layer, x);
+  d->cost.resample_s += made_s - start_s;
+  d->cost.upload_s += now_s() - made_s;
+  d->cost.texel_count += 64 * (size_t)x->made_count;
+}
+
+/* Makes the shiny layers for the camera, unless they are made for it already. */
+static void update_textures(drawing *d, const camera *c) {
+  bool moved = !d->textures_valid || memcmp(c, &d->latest, sizeof *c) != 0;
+  block_cache_begin_frame(d->cache);
+  d->cost = (drawing_cost){0};
+  for (uint32_t i = 0; i < d->surface_count; i++) {
+    drawn_surface *s = &d->surfaces[i];
+    const direction_bend bend = s->water ? water_begin_frame(s->water) : (direction_bend){0};
+    bool was_bent = s->was_bent;
+    s->was_bent = bend.bend != NULL;
+    if (!moved && !s->was_bent && !was_bent) continue;
+    for (uint32_t k = 0; k < s->layer_count; k++)
+      if (!s->layers[k].matte) update_layer(d, &s->layers[k], s->water, bend, c);
+  }
+  d->latest = *c;
+  d->textures_valid = true;
+}
+
+void drawing_set_look(drawing *d, const drawing_look *look) {
+  if (look->detail != d->look.detail) d->textures_valid = false;
+  d->look = *look;
+  for (uint32_t i = 0; i < d->surface_count; i++)
+    for (uint32_t k = 0; k < d->surfaces[i].layer_count; k++) {
+      drawn_layer *layer = &d->surfaces[i].layers[k];
+      filter_texture(d, layer);
+      if (!layer->matte) resampler_set_detail(layer->texels.resampler, look->detail);
+    }
+}
+
+drawing_look drawing_get_look(const drawing *d) {
+  return d->look;
+}
+
+bool drawing_is_software(const drawing *d) {
+  (void)d;
+  const char *renderer = (const char *)gl.GetString(GL_RENDERER);
+  return renderer && (strstr(renderer, "llvmpipe") || strstr(renderer, "softpipe"));
+}
+
+drawing_cost drawing_get_cost(const drawing *d) {
+  return d->cost;
+}
+
 slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int height_px,
                           int mask_surface, slf_error *error) {
   slf_result result = resize(d, width_px, height_px, error);
   if (result != SLF_OK) return result;
   camera c = camera_of_view(view, width_px, height_px);
-  block_cache_begin_frame(d->cache);
-  for (uint32_t i = 0; i < d->surface_count && mask_surface < 0; i++) {
-    drawn_surface *s = &d->surfaces[i];
-    const direction_bend bend = s->water ? water_begin_frame(s->water) : (direction_bend){0};
-    for (uint32_t k = 0; k < s->layer_count; k++) {
-      drawn_layer *layer = &s->layers[k];
-      if (layer->matte || layer->texture == 0) continue;
-      texture_update(&layer->texels, &c, bend);
-      if (s->water)
-        water_finish_frame(s->water, layer->texels.levels[0].texels,
-                           layer->texels.levels[0].row_nbytes);
-      texture_make_levels(&layer->texels);
-      upload_texels(layer, &layer->texels);
-    }
-  }
+  if (mask_surface < 0) update_textures(d, &c);
 
   float matrix[16], z_near, z_far, background[3];
   clip_planes(d, &c, &z_near, &z_far);
@@ -425,6 +492,7 @@ slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int he
   gl.Clear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
   gl.UseProgram(d->program);
   gl.UniformMatrix4fv(d->clip_uniform, 1, GL_FALSE, matrix);
+  gl.Uniform4f(d->tone_uniform, exp2f(d->look.exposure_ev), d->look.tone_map ? 1 : 0, 0, 0);
   gl.ActiveTexture(GL_TEXTURE0);
   gl.BlendFunc(GL_ONE, GL_ONE);
   gl.DepthFunc(GL_LEQUAL);
@@ -458,6 +526,11 @@ void drawing_read(drawing *d, uint8_t *rgba) {
       b[i] = swap;
     }
   }
+}
+
+void drawing_finish(drawing *d) {
+  (void)d;
+  gl.Finish();
 }
 
 void drawing_show(drawing *d, int width_px, int height_px) {

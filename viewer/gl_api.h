@@ -88,4 +88,8 @@ typedef void (*gl_function)(void);
 /* Fills `gl` from a context's loader. Fails, naming the function, if one is missing. */
 slf_result gl_api_load(gl_function (*get_address)(const char *name), slf_error *error);
 
+/* Compiles and links a program. */
+slf_result gl_link_program(const char *vertex_source, const char *fragment_source, GLuint *program,
+                           slf_error *error);
+
 #endif

@@ -17,6 +17,11 @@ static inline uint16_t half_from_float(float x) {
   return (uint16_t)((bits - (112u << 23)) >> 13);
 }
 
+/* x within what half_from_float takes; NaN gives 0. */
+static inline float half_range(float x) {
+  return x > 0 ? (x < 65504 ? x : 65504) : 0;
+}
+
 /* Exact. Non-negative finite halves. */
 static inline float float_from_half(uint16_t half) {
   if (half < 0x400) return (float)half * 0x1p-24f;

@@ -34,8 +34,13 @@ typedef struct {
 } note;
 
 struct resampler {
-  uint32_t s_count, t_count;
+  uint32_t all_s_count, all_t_count;          /* of the light field */
+  uint32_t s_count, t_count;                  /* of the slices in use, see resampler_set_detail */
+  float s_scale, t_scale, s_offset, t_offset; /* slice s_scale (s + 1) - s_offset, s in [-1,1] */
+  slice_index *slice_of;                      /* the slice of (i,j) in use, i * t_count + j */
   block_source source;
+  u_block_format format;
+  resample_kernel kernel;
   void (*place)(const resampler *, const block_directions *, pending_block *);
   void (*mix)(const pending_block *);
   pending_block pending[2];
@@ -72,7 +77,6 @@ static const float rim = 0.9999f;
 
 /* Compiled twice, for plain and for vector code; no contraction, so both round alike. */
 INLINE void place_texels(const resampler *r, const block_directions *d, pending_block *p) {
-  float s_scale = 0.5f * (float)r->s_count, t_scale = 0.5f * (float)r->t_count;
   float s_last = (float)(r->s_count - 1), t_last = (float)(r->t_count - 1);
   int i_last = r->s_count > 1 ? (int)r->s_count - 2 : 0;
   int j_last = r->t_count > 1 ? (int)r->t_count - 2 : 0, t_count = (int)r->t_count;
@@ -95,7 +99,7 @@ INLINE void place_texels(const resampler *r, const block_directions *d, pending_
       t[k] *= pull;
     }
   for (int k = 0; k < 64; k++) {
-    float x = (s[k] + 1) * s_scale - 0.5f, y = (t[k] + 1) * t_scale - 0.5f;
+    float x = (s[k] + 1) * r->s_scale - r->s_offset, y = (t[k] + 1) * r->t_scale - r->t_offset;
     x = x > 0 ? x : 0;
     y = y > 0 ? y : 0;
     x = x < s_last ? x : s_last;
@@ -141,7 +145,7 @@ INLINE uint8_t number_slice(resampler *r, slice_index *slices, size_t *count, ui
   note *n = &r->slices[i * r->t_count + j];
   if (n->stamp != r->stamp) {
     *n = (note){.stamp = r->stamp, .number = (uint32_t)*count};
-    slices[(*count)++] = (slice_index)(i << 8 | j);
+    slices[(*count)++] = r->slice_of[i * r->t_count + j];
   }
   return (uint8_t)n->number;
 }
@@ -158,8 +162,8 @@ static void find_taps(resampler *r, uint32_t block_u, uint32_t block_v, pending_
   if (p->mask == 0) return;
   if (~p->mask) skip_unwanted(p);
   if (++r->stamp == 0) { /* once in 2^32 blocks */
-    memset(r->cells, 0, (size_t)r->s_count * r->t_count * sizeof *r->cells);
-    memset(r->slices, 0, (size_t)r->s_count * r->t_count * sizeof *r->slices);
+    memset(r->cells, 0, (size_t)r->all_s_count * r->all_t_count * sizeof *r->cells);
+    memset(r->slices, 0, (size_t)r->all_s_count * r->all_t_count * sizeof *r->slices);
     r->stamp = 1;
   }
   p->starts = find_starts(p->cell);
@@ -179,8 +183,9 @@ static void find_taps(resampler *r, uint32_t block_u, uint32_t block_v, pending_
     *cell_of_run++ = (uint8_t)n->number;
   }
   r->source.fetch(r->source.context, block_u, block_v, slices, slice_count, u_blocks);
+  const int u_block_nbytes = r->format == U_BLOCK_HALF ? U_BLOCK_HALF_NBYTES : SLF_BLOCK_NBYTES;
   for (size_t i = 0; i < slice_count; i++)
-    for (int line = 0; line < SLF_BLOCK_NBYTES; line += 64) __builtin_prefetch(u_blocks[i] + line);
+    for (int line = 0; line < u_block_nbytes; line += 64) __builtin_prefetch(u_blocks[i] + line);
   for (uint32_t c = 0; c < cell_count; c++)
     for (int tap = 0; tap < 4; tap++) p->taps[c][tap] = u_blocks[tap_slices[c][tap]];
 }
@@ -192,7 +197,13 @@ static uint16_t *texel_out(const pending_block *p, int k) {
   return (uint16_t *)((uint8_t *)p->out + (size_t)(k / 8) * p->row_nbytes) + k % 8 * 4;
 }
 
-static void mix_plain(const pending_block *p) {
+static float half_at(const uint8_t *u_block, int i) {
+  uint16_t half;
+  memcpy(&half, u_block + 2 * i, sizeof half);
+  return float_from_half(half);
+}
+
+INLINE void mix_plain(const pending_block *p, u_block_format format) {
   const uint8_t *cell_of_run = p->cell_of_run - 1;
   for (int k = 0; k < 64; k++) {
     cell_of_run += p->starts >> k & 1;
@@ -200,12 +211,22 @@ static void mix_plain(const pending_block *p) {
     uint16_t *out = texel_out(p, k);
     for (int channel = 0; channel < 3; channel++) {
       float y[4];
-      for (int tap = 0; tap < 4; tap++) y[tap] = linear_from_code(taps[tap][4 * k + channel]);
+      for (int tap = 0; tap < 4; tap++)
+        y[tap] = format == U_BLOCK_HALF ? half_at(taps[tap], 4 * k + channel)
+                                        : linear_from_code(taps[tap][4 * k + channel]);
       float y0 = y[0] + p->f[k] * (y[1] - y[0]), y1 = y[2] + p->f[k] * (y[3] - y[2]);
       out[channel] = half_from_float(y0 + p->g[k] * (y1 - y0));
     }
     out[3] = HALF_ONE;
   }
+}
+
+static void mix_codes_plain(const pending_block *p) {
+  mix_plain(p, U_BLOCK_CODES);
+}
+
+static void mix_half_plain(const pending_block *p) {
+  mix_plain(p, U_BLOCK_HALF);
 }
 
 #if HAVE_AVX2
@@ -214,8 +235,15 @@ TARGET_AVX2 static void place_avx2(const resampler *r, const block_directions *d
   place_texels(r, d, p);
 }
 
-/* Two texels, four channels each: texels k and k + 1 of one tap. */
-TARGET_AVX2 INLINE __m256 load_pair(const uint8_t *a, const uint8_t *b, bool same_block) {
+/* Two texels, four channels each: texels k and k + 1 of one tap, from here on. */
+TARGET_AVX2 INLINE __m256 load_half_pair(const uint8_t *a, const uint8_t *b) {
+  __m128i both = _mm_loadl_epi64((const __m128i *)(const void *)a);
+  both =
+      _mm_castps_si128(_mm_loadh_pi(_mm_castsi128_ps(both), (const __m64 *)(const void *)(b + 8)));
+  return _mm256_cvtph_ps(both);
+}
+
+TARGET_AVX2 INLINE __m256 load_code_pair(const uint8_t *a, const uint8_t *b, bool same_block) {
   __m128i bytes;
   if (same_block) {
     bytes = _mm_loadl_epi64((const __m128i *)(const void *)a);
@@ -245,7 +273,13 @@ TARGET_AVX2 INLINE __m256 load_weights(const float *w) {
   return _mm256_permutevar_ps(_mm256_castpd_ps(_mm256_set1_pd(both)), spread);
 }
 
-TARGET_AVX2 static void mix_avx2(const pending_block *p) {
+TARGET_AVX2 INLINE __m256 load_pair(const uint8_t *a, const uint8_t *b, int k, bool same_block,
+                                    u_block_format format) {
+  return format == U_BLOCK_HALF ? load_half_pair(a + 8 * k, b + 8 * k)
+                                : load_code_pair(a + 4 * k, b + 4 * k, same_block);
+}
+
+TARGET_AVX2 INLINE void mix_avx2(const pending_block *p, u_block_format format) {
   const __m256 one = _mm256_set1_ps(1);
   const uint8_t *cell_of_run = p->cell_of_run - 1;
   uint64_t starts = p->starts;
@@ -255,15 +289,23 @@ TARGET_AVX2 static void mix_avx2(const pending_block *p) {
     bool same = !(starts & 2);
     cell_of_run += !same;
     const uint8_t *const *b = p->taps[*cell_of_run];
-    __m256 y00 = load_pair(a[0] + 4 * k, b[0] + 4 * k, same);
-    __m256 y10 = load_pair(a[1] + 4 * k, b[1] + 4 * k, same);
-    __m256 y01 = load_pair(a[2] + 4 * k, b[2] + 4 * k, same);
-    __m256 y11 = load_pair(a[3] + 4 * k, b[3] + 4 * k, same);
+    __m256 y00 = load_pair(a[0], b[0], k, same, format);
+    __m256 y10 = load_pair(a[1], b[1], k, same, format);
+    __m256 y01 = load_pair(a[2], b[2], k, same, format);
+    __m256 y11 = load_pair(a[3], b[3], k, same, format);
     __m256 f = load_weights(p->f + k), g = load_weights(p->g + k);
     __m256 y = _mm256_blend_ps(lerp(lerp(y00, y10, f), lerp(y01, y11, f), g), one, 0x88);
     _mm_storeu_si128((__m128i *)(void *)texel_out(p, k),
                      _mm256_cvtps_ph(y, _MM_FROUND_TO_NEAREST_INT));
   }
+}
+
+TARGET_AVX2 static void mix_codes_avx2(const pending_block *p) {
+  mix_avx2(p, U_BLOCK_CODES);
+}
+
+TARGET_AVX2 static void mix_half_avx2(const pending_block *p) {
+  mix_avx2(p, U_BLOCK_HALF);
 }
 #endif
 
@@ -277,16 +319,21 @@ static void mix(const resampler *r, const pending_block *p) {
 /* ---- The stream -------------------------------------------------------------------------------
  */
 
+void resampler_use_format(resampler *r, u_block_format format) {
+  r->format = format;
+  resampler_use_kernel(r, r->kernel);
+}
+
 void resampler_use_kernel(resampler *r, resample_kernel kernel) {
+  r->kernel = kernel;
   r->place = place_plain;
-  r->mix = mix_plain;
+  bool half = r->format == U_BLOCK_HALF;
+  r->mix = half ? mix_half_plain : mix_codes_plain;
 #if HAVE_AVX2
   if (kernel == RESAMPLE_BEST && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("f16c")) {
     r->place = place_avx2;
-    r->mix = mix_avx2;
+    r->mix = half ? mix_half_avx2 : mix_codes_avx2;
   }
-#else
-  (void)kernel;
 #endif
 }
 
@@ -295,23 +342,58 @@ resampler *resampler_create(uint32_t s_count, uint32_t t_count, block_source sou
   assert(t_count >= 1 && t_count <= SLF_MAX_DIRECTIONS);
   resampler *r = calloc(1, sizeof *r);
   if (!r) return NULL;
-  r->s_count = s_count;
-  r->t_count = t_count;
+  r->all_s_count = s_count;
+  r->all_t_count = t_count;
   r->source = source;
   r->cells = calloc((size_t)s_count * t_count, sizeof *r->cells);
   r->slices = calloc((size_t)s_count * t_count, sizeof *r->slices);
-  if (!r->cells || !r->slices) {
+  r->slice_of = calloc((size_t)s_count * t_count, sizeof *r->slice_of);
+  if (!r->cells || !r->slices || !r->slice_of) {
     resampler_free(r);
     return NULL;
   }
   resampler_use_kernel(r, RESAMPLE_BEST);
+  resampler_set_detail(r, 0);
   return r;
+}
+
+/* One axis of the slices in use: every step-th, in the middle of its step. */
+static uint32_t first_slice(uint32_t step, uint32_t count) {
+  uint32_t middle = (step - 1) / 2;
+  return middle < count ? middle : count / 2;
+}
+
+/* The slice at (i,j), or the nearest towards the middle that is stored. */
+static slice_index stored_slice(const resampler *r, uint32_t i, uint32_t j) {
+  while (!slf_slice_exists(r->all_s_count, r->all_t_count, i, j)) {
+    int off_i = 2 * (int)i + 1 - (int)r->all_s_count, off_j = 2 * (int)j + 1 - (int)r->all_t_count;
+    if (abs(off_i) >= abs(off_j))
+      i += off_i > 0 ? -1u : 1u;
+    else
+      j += off_j > 0 ? -1u : 1u;
+  }
+  return (slice_index)(i << 8 | j);
+}
+
+void resampler_set_detail(resampler *r, uint32_t level) {
+  uint32_t step = 1u << (level < 8 ? level : 8);
+  uint32_t first_i = first_slice(step, r->all_s_count), first_j = first_slice(step, r->all_t_count);
+  r->s_count = (r->all_s_count - 1 - first_i) / step + 1;
+  r->t_count = (r->all_t_count - 1 - first_j) / step + 1;
+  r->s_scale = 0.5f * (float)r->all_s_count / (float)step;
+  r->t_scale = 0.5f * (float)r->all_t_count / (float)step;
+  r->s_offset = ((float)first_i + 0.5f) / (float)step;
+  r->t_offset = ((float)first_j + 0.5f) / (float)step;
+  for (uint32_t i = 0; i < r->s_count; i++)
+    for (uint32_t j = 0; j < r->t_count; j++)
+      r->slice_of[i * r->t_count + j] = stored_slice(r, first_i + i * step, first_j + j * step);
 }
 
 void resampler_free(resampler *r) {
   if (!r) return;
   free(r->cells);
   free(r->slices);
+  free(r->slice_of);
   free(r);
 }
 

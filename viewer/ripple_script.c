@@ -125,7 +125,7 @@ slf_result ripple_script_read(const char *path, ripple_script **out, slf_error *
       script->end_s = script->stops ? fmin(script->end_s, e->time_s) : e->time_s;
       script->stops = true;
     } else if (!script->stops) {
-      script->end_s = fmax(script->end_s, e->time_s + e->duration_s);
+      script->end_s = fmax(script->end_s, e->time_s + e->duration_s + 1);
     }
   }
   *out = script;

@@ -15,7 +15,8 @@
  *     9.0  stop                                      the water stands still from here on
  *
  * Steps are fixed, and an event belongs to the step in whose time it falls, so that a replay is the
- * same at any frame rate. Without `stop`, the script's end is that of its last event. */
+ * same at any frame rate. Without `stop`, the script ends a second after its last event: then its
+ * ripples can be seen. */
 #ifndef SLF_RIPPLE_SCRIPT_H
 #define SLF_RIPPLE_SCRIPT_H
 

@@ -1,26 +1,26 @@
 /* slfview - shows a .slf file in a window, or writes a picture of it. */
 #include <getopt.h>
 #include <math.h>
-#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
+#include "checked_file.h"
 #include "context.h"
 #include "draw.h"
 #include "image.h"
+#include "path.h"
 #include "window.h"
 
 enum { EXIT_USAGE = 2, BACKEND_AUTO = BACKEND_COUNT };
 
 static const char help[] =
-    "usage: slfview FILE.slf [options]\n"
+    "usage: slfview FILE.slf... [options]\n"
     "\n"
-    "Shows a surface light field. In the window: drag with the left button to orbit, with the\n"
-    "right one to look around, the wheel approaches, W A S D Q E walk, R resets, Escape ends.\n"
-    "On water the left button disturbs it; with shift it pushes a ball through it. Space pauses\n"
-    "the water, . is one step, X levels it, [ ] change the speed of waves and - = their damping,\n"
-    "F is Fresnel, N shows flat beside rippled, then slopes, P is rain.\n"
+    "Shows surface light fields. In the window: drag with the left button to orbit, with the "
+    "right\n"
+    "one to look around, the wheel approaches, W A S D walk, H shows all keys, Escape ends.\n"
     "\n"
     "  --output FILE.png   write a picture instead of opening a window\n"
     "  --size WxH          pixels (default 640x480)\n"
@@ -46,21 +46,40 @@ static const char help[] =
     "mixed\n"
     "                      where the slices see the same point; four-tap: always the paper's way\n"
     "  --dice N            polygons are diced to N texels (default 8)\n"
+    "  --detail N          angular level of detail: every 2^N-th slice along S and T (default 0)\n"
+    "  --exposure EV       radiance is multiplied by 2^EV (default 0)\n"
+    "  --tone-map          x / (1 + x): what is brighter than white stays distinct\n"
+    "  --scene \"FILE.pov [povray options]\"\n"
+    "                      the scene of the file, for comparison with POV-Ray (F5)\n"
+    "  --path FILE         a camera path to play (viewer/path.h); with --output its pictures\n"
+    "  --watch             reload the file when it is baked again\n"
+    "  --bench N           draw N frames along the path, or in orbit by one degree each, without\n"
+    "                      writing them; print what a frame cost as one JSON object\n"
+    "  --filter NAME       trilinear, anisotropic or auto (default): anisotropic, but trilinear in "
+    "a\n"
+    "                      window that is drawn in software, where it is twice as fast\n"
+    "  --list-bindings     what keys and mouse do in the window\n"
     "  -h, --help          this text\n"
     "\n"
     "examples:\n"
     "  slfview build/floor.slf\n"
     "  slfview build/floor.slf --output floor.png --size 1280x720 --samples 4\n"
     "  slfview build/floor.slf --output top.png --camera 0,5,0.1,0,0,0,60 --backend egl\n"
-    "  slfview build/pond.slf --ripple-script scenes/pond/demo.ripples\n"
-    "  slfview build/pond.slf --ripple-script scenes/pond/demo.ripples --frames 300 \\\n"
+    "  slfview build/pond.slf --ripple-script viewer/demo.ripples\n"
+    "  slfview build/pond.slf --ripple-script viewer/demo.ripples --frames 300 \\\n"
     "          --output /tmp/pond-%03d.png\n";
 
 typedef struct {
-  const char *path, *output, *view_name, *mask, *ripple_script;
+  char *const *files; /* file_count of them; a picture is made of the first */
+  int file_count;
+  const char *path, *output, *view_name, *mask, *ripple_script, *scene, *path_file;
+  const char *filter;
+  bool watch;
+  drawing_look look;
   slf_view camera;
   bool has_camera;
-  int width_px, height_px, samples, frame_count; /* frame_count 0: one picture, at the end */
+  int width_px, height_px, samples, frame_count,
+      bench_count; /* frame_count 0: one picture, at the end */
   double frames_per_s;
   bool fresnel;
   water_display display;
@@ -85,10 +104,10 @@ static bool read_count(const char *text, long low, long high, long *value) {
   return end != text && *end == 0 && *value >= low && *value <= high;
 }
 
-static bool read_rate(const char *text, double *value) {
+static bool read_number(const char *text, double low, double high, double *value) {
   char *end;
   *value = strtod(text, &end);
-  return end != text && *end == 0 && *value >= 1 && *value <= 1000;
+  return end != text && *end == 0 && *value >= low && *value <= high;
 }
 
 /* Where the one %d, %4d or %04d of a name begins, or NULL; *end is behind it. */
@@ -135,6 +154,15 @@ static int read_options(int argc, char **argv, options *o) {
     FRESNEL,
     FRAMES,
     FPS,
+    DETAIL,
+    EXPOSURE,
+    TONE_MAP,
+    SCENE,
+    PATH,
+    WATCH,
+    LIST_BINDINGS,
+    BENCH,
+    FILTER,
     MIX
   };
   static const struct option known[] = {{"output", required_argument, NULL, OUTPUT},
@@ -150,17 +178,28 @@ static int read_options(int argc, char **argv, options *o) {
                                         {"fresnel", no_argument, NULL, FRESNEL},
                                         {"frames", required_argument, NULL, FRAMES},
                                         {"fps", required_argument, NULL, FPS},
+                                        {"detail", required_argument, NULL, DETAIL},
+                                        {"exposure", required_argument, NULL, EXPOSURE},
+                                        {"tone-map", no_argument, NULL, TONE_MAP},
+                                        {"scene", required_argument, NULL, SCENE},
+                                        {"path", required_argument, NULL, PATH},
+                                        {"watch", no_argument, NULL, WATCH},
+                                        {"list-bindings", no_argument, NULL, LIST_BINDINGS},
+                                        {"bench", required_argument, NULL, BENCH},
+                                        {"filter", required_argument, NULL, FILTER},
                                         {"mix", required_argument, NULL, MIX},
                                         {"dice", required_argument, NULL, DICE},
                                         {"help", no_argument, NULL, 'h'},
                                         {NULL, 0, NULL, 0}};
   long count;
+  double number;
   int code;
   *o = (options){.width_px = 640,
                  .height_px = 480,
                  .samples = 1,
                  .frames_per_s = 30,
                  .backend = BACKEND_AUTO,
+                 .filter = "auto",
                  .drawing = {.cache_blocks = BLOCK_CACHE_DEFAULT, .dice_px = UV_DICE_PX}};
   opterr = 0;
   while ((code = getopt_long(argc, argv, ":h", known, NULL)) != -1) {
@@ -191,7 +230,7 @@ static int read_options(int argc, char **argv, options *o) {
       o->frame_count = (int)count;
       break;
     case FPS:
-      if (!read_rate(optarg, &o->frames_per_s))
+      if (!read_number(optarg, 1, 1000, &o->frames_per_s))
         return misuse("fps", optarg, "pictures a second, 1 to 1000");
       break;
     case SIZE:
@@ -228,6 +267,39 @@ static int read_options(int argc, char **argv, options *o) {
         return misuse("dice", optarg, "a number of texels, 1 to 16384");
       o->drawing.dice_px = (uint32_t)count;
       break;
+    case DETAIL:
+      if (!read_count(optarg, 0, 8, &count)) return misuse("detail", optarg, "a level, 0 to 8");
+      o->look.detail = (uint32_t)count;
+      break;
+    case EXPOSURE:
+      if (!read_number(optarg, -16, 16, &number))
+        return misuse("exposure", optarg, "stops, -16 to 16");
+      o->look.exposure_ev = (float)number;
+      break;
+    case TONE_MAP:
+      o->look.tone_map = true;
+      break;
+    case SCENE:
+      o->scene = optarg;
+      break;
+    case PATH:
+      o->path_file = optarg;
+      break;
+    case WATCH:
+      o->watch = true;
+      break;
+    case BENCH:
+      if (!read_count(optarg, 1, 1000000, &count)) return misuse("bench", optarg, "1 to 1000000");
+      o->bench_count = (int)count;
+      break;
+    case FILTER:
+      if (strcmp(optarg, "auto") && strcmp(optarg, "trilinear") && strcmp(optarg, "anisotropic"))
+        return misuse("filter", optarg, "trilinear, anisotropic or auto");
+      o->filter = optarg;
+      break;
+    case LIST_BINDINGS:
+      window_print_bindings(stdout);
+      exit(EXIT_SUCCESS);
     case 'h':
       fputs(help, stdout);
       exit(EXIT_SUCCESS);
@@ -239,18 +311,24 @@ static int read_options(int argc, char **argv, options *o) {
       return EXIT_USAGE;
     }
   }
-  if (optind != argc - 1) {
-    complain(NULL, "expected one FILE.slf; slfview --help shows how");
+  o->files = argv + optind;
+  o->file_count = argc - optind;
+  if (o->file_count < 1 || (o->output && o->file_count > 1)) {
+    complain(NULL, o->output ? "expected one FILE.slf with --output; slfview --help shows how"
+                             : "expected FILE.slf...; slfview --help shows how");
     return EXIT_USAGE;
   }
-  o->path = argv[optind];
-  if (o->output && o->backend == BACKEND_GLFW)
-    return misuse("backend", "glfw", "egl or osmesa with --output");
-  if (!o->output && (o->backend == BACKEND_EGL || o->backend == BACKEND_OSMESA))
+  o->path = o->files[0];
+  const bool headless = o->output || o->bench_count;
+  if (headless && o->backend == BACKEND_GLFW)
+    return misuse("backend", "glfw", "egl or osmesa with --output and --bench");
+  if (!headless && (o->backend == BACKEND_EGL || o->backend == BACKEND_OSMESA))
     return misuse("backend", backend_names[o->backend], "glfw, or --output FILE.png");
   const char *end;
-  if (o->frame_count > 0 && (!o->output || !frame_number(o->output, &end)))
-    return misuse("output", o->output ? o->output : "", "a name with one %d or %04d for --frames");
+  if ((o->frame_count > 0 || (o->path_file && o->output)) &&
+      (!o->output || !frame_number(o->output, &end)))
+    return misuse("output", o->output ? o->output : "",
+                  "a name with one %d or %04d for --frames and --path");
   if (o->mask && !o->output) return misuse("mask", o->mask, "--output FILE.png beside it");
   return 0;
 }
@@ -297,37 +375,6 @@ static slf_result find_surface(const slf_file *file, const char *name, int *inde
   snprintf(error->message, sizeof error->message, "no surface '%.60s' among its %u", name,
            slf_surface_count(file));
   return SLF_ERROR_ARGUMENT;
-}
-
-/* ---- The check of the whole file, beside the drawing -------------------------------------------
- */
-
-typedef struct {
-  const slf_file *file;
-  const char *path;
-  pthread_t thread;
-  bool started;
-  slf_result result;
-  slf_error error;
-} file_check;
-
-static void *verify(void *context) {
-  file_check *check = context;
-  check->result = slf_verify(check->file, &check->error);
-  if (check->result != SLF_OK) complain(NULL, check->error.message);
-  return NULL;
-}
-
-static void start_check(file_check *check, const slf_file *file, const char *path) {
-  *check = (file_check){.file = file, .path = path};
-  check->started = pthread_create(&check->thread, NULL, verify, check) == 0;
-  if (!check->started) verify(check);
-}
-
-static slf_result finish_check(file_check *check) {
-  if (check->started) pthread_join(check->thread, NULL);
-  check->started = false;
-  return check->result;
 }
 
 /* ---- Picture and window ------------------------------------------------------------------------
@@ -386,13 +433,21 @@ static slf_result write_picture(const options *o, const slf_view *view, drawing 
   return image_write_png(path, p->reduced, o->width_px, o->height_px, error);
 }
 
+/* A camera path gives each picture its view, and how many there are. */
+static int picture_count(const options *o, const camera_path *flight) {
+  if (o->frame_count > 0 || flight->count == 0) return o->frame_count;
+  return (int)floor(path_end_s(flight) * o->frames_per_s) + 1;
+}
+
 static slf_result write_frames(const options *o, const slf_file *file, const slf_view *view,
-                               drawing *d, int mask, const picture *p, slf_error *error) {
+                               const camera_path *flight, drawing *d, int mask, const picture *p,
+                               slf_error *error) {
   const char *end, *number = frame_number(o->output, &end);
   const int digits = number[1] == 'd' ? 1 : atoi(number + 1);
   char path[4096];
   slf_result result = SLF_OK;
-  for (int i = 0; i < o->frame_count && result == SLF_OK; i++) {
+  const int count = picture_count(o, flight);
+  for (int i = 0; i < count && result == SLF_OK; i++) {
     const int length = snprintf(path, sizeof path, "%.*s%0*d%s", (int)(number - o->output),
                                 o->output, digits, i, end);
     if (length < 0 || (size_t)length >= sizeof path) {
@@ -401,14 +456,65 @@ static slf_result write_frames(const options *o, const slf_file *file, const slf
       return SLF_ERROR_ARGUMENT;
     }
     result = move_water(file, d, i / o->frames_per_s, error);
-    if (result == SLF_OK) result = write_picture(o, view, d, mask, p, path, error);
+    const slf_view at = flight->count ? path_at(flight, i / o->frames_per_s) : *view;
+    if (result == SLF_OK) result = write_picture(o, &at, d, mask, p, path, error);
   }
   return result;
 }
 
+/* A picture takes its time; a window in software should rather be quick. */
+static bool is_anisotropic(const options *o, const drawing *d, bool is_picture) {
+  if (!strcmp(o->filter, "auto")) return is_picture || !drawing_is_software(d);
+  return !strcmp(o->filter, "anisotropic");
+}
+
+static double now_s(void) {
+  struct timespec t;
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* Frames drawn and waited for one by one: what a frame costs in all, what of it is ours, what goes
+ * to handing textures over, and what the driver takes to draw. The first frame is not counted. */
+static slf_result bench(const options *o, const slf_file *file, const slf_view *view,
+                        const camera_path *flight, drawing *d, slf_error *error) {
+  slf_view at = *view;
+  double start_s = 0, resample_s = 0, upload_s = 0, texel_count = 0, decoded = 0;
+  for (int i = 0; i <= o->bench_count; i++) {
+    if (i == 1) start_s = now_s();
+    if (flight->count)
+      at = path_at(flight, path_end_s(flight) * i / o->bench_count);
+    else
+      view_orbit(&at, (float)M_PI / 180, 0);
+    slf_result result = move_water(file, d, i / o->frames_per_s, error);
+    if (result == SLF_OK)
+      result =
+          drawing_render(d, &at, o->width_px * o->samples, o->height_px * o->samples, -1, error);
+    if (result != SLF_OK) return result;
+    drawing_finish(d);
+    drawing_cost cost = drawing_get_cost(d);
+    if (i == 0) continue;
+    resample_s += cost.resample_s;
+    upload_s += cost.upload_s;
+    texel_count += (double)cost.texel_count;
+    decoded += (double)block_cache_get_counts(drawing_cache(d))->frame_decompressions;
+  }
+  double count = o->bench_count, frame_s = (now_s() - start_s) / count;
+  printf("{\n  \"width\": %d,\n  \"height\": %d,\n  \"frames\": %d,\n"
+         "  \"frames_per_s\": %.4g,\n  \"frame_ms\": %.4g,\n  \"resample_ms\": %.4g,\n"
+         "  \"upload_ms\": %.4g,\n  \"driver_ms\": %.4g,\n  \"texels_per_frame\": %.6g,\n"
+         "  \"decompressions_per_frame\": %.4g\n}\n",
+         o->width_px, o->height_px, o->bench_count, 1 / frame_s, frame_s * 1e3,
+         resample_s * 1e3 / count, upload_s * 1e3 / count,
+         (frame_s - (resample_s + upload_s) / count) * 1e3, texel_count / count, decoded / count);
+  return SLF_OK;
+}
+
 static slf_result write_pictures(const options *o, const slf_file *file, const slf_view *view,
-                                 const ripple_script *script, file_check *check, slf_error *error) {
+                                 const ripple_script *script, checked_file *checked,
+                                 slf_error *error) {
   drawing *d = NULL;
+  camera_path flight = {0};
   const int width_px = o->width_px * o->samples, height_px = o->height_px * o->samples;
   int mask = -1;
   const picture p = {malloc((size_t)width_px * (size_t)height_px * 4),
@@ -423,14 +529,21 @@ static slf_result write_pictures(const options *o, const slf_file *file, const s
   if ((result = open_headless(o->backend, error)) != SLF_OK) goto done;
   if ((result = drawing_create(file, o->drawing, &d, error)) != SLF_OK) goto done;
   if ((result = prepare_water(o, file, d, script, error)) != SLF_OK) goto done;
-  if ((result = finish_check(check)) != SLF_OK) goto done; /* it has complained by itself */
-  if (o->frame_count > 0) {
-    result = write_frames(o, file, view, d, mask, &p, error);
+  drawing_look look = o->look;
+  look.anisotropic = is_anisotropic(o, d, o->output != NULL);
+  drawing_set_look(d, &look);
+  if (o->path_file && (result = path_read(o->path_file, &flight, error)) != SLF_OK) goto done;
+  if ((result = checked_file_wait(checked, error)) != SLF_OK) goto done;
+  if (o->bench_count > 0) {
+    result = bench(o, file, view, &flight, d, error);
+  } else if (picture_count(o, &flight) > 0) {
+    result = write_frames(o, file, view, &flight, d, mask, &p, error);
   } else {
     result = move_water(file, d, script ? ripple_script_end_s(script) : 0, error);
     if (result == SLF_OK) result = write_picture(o, view, d, mask, &p, o->output, error);
   }
 done:
+  path_clear(&flight);
   drawing_free(d);
   context_close_egl();
   context_close_osmesa();
@@ -439,14 +552,38 @@ done:
   return result;
 }
 
-static slf_result show_window(const options *o, const slf_file *file, const slf_view *view,
-                              const ripple_script *script, slf_error *error) {
-  drawing *d = NULL;
+typedef struct {
+  const options *o;
+  const ripple_script *script;
+} window_water;
+
+static slf_result prepare_window(void *context, const slf_file *file, drawing *d,
+                                 slf_error *error) {
+  const window_water *x = context;
+  drawing_look look = drawing_get_look(d);
+  look.anisotropic = is_anisotropic(x->o, d, false);
+  drawing_set_look(d, &look);
+  return prepare_water(x->o, file, d, x->script, error);
+}
+
+static slf_result show_window(const options *o, const slf_view *view, const ripple_script *script,
+                              checked_file *checked, slf_error *error) {
+  window_water water_options = {o, script};
+  const window_options shown = {.files = o->files,
+                                .file_count = o->file_count,
+                                .drawing = o->drawing,
+                                .look = o->look,
+                                .view = o->has_camera || o->view_name ? view : NULL,
+                                .scene = o->scene,
+                                .path_file = o->path_file,
+                                .watch = o->watch,
+                                .prepare = prepare_window,
+                                .context = &water_options};
   slf_result result = window_open(o->path, o->width_px, o->height_px, error);
-  if (result == SLF_OK) result = drawing_create(file, o->drawing, &d, error);
-  if (result == SLF_OK) result = prepare_water(o, file, d, script, error);
-  if (result == SLF_OK) result = window_run(d, view, error);
-  drawing_free(d);
+  if (result == SLF_OK)
+    result = window_run(&shown, checked, error);
+  else
+    checked_file_close(checked);
   window_close();
   return result;
 }
@@ -456,30 +593,22 @@ int main(int argc, char **argv) {
   int misused = read_options(argc, argv, &o);
   if (misused) return misused;
 
-  slf_file *file = NULL;
+  checked_file *checked = NULL;
   slf_error error = {{0}};
   slf_view view;
-  file_check check;
   ripple_script *script = NULL;
   slf_result result = SLF_OK;
   if (o.ripple_script) result = ripple_script_read(o.ripple_script, &script, &error);
-  if (result == SLF_OK) result = slf_open(o.path, &file, &error);
-  if (result != SLF_OK) {
-    ripple_script_free(script);
-    return complain(NULL, error.message);
+  if (result == SLF_OK) result = checked_file_open(o.path, &checked, &error);
+  if (result == SLF_OK && (result = choose_view(&o, checked_file_get(checked), &view, &error))) {
+    checked_file_close(checked);
+  } else if (result == SLF_OK && (o.output || o.bench_count)) {
+    result = write_pictures(&o, checked_file_get(checked), &view, script, checked, &error);
+    checked_file_close(checked);
+  } else if (result == SLF_OK) {
+    result = show_window(&o, &view, script, checked, &error);
   }
-  result = choose_view(&o, file, &view, &error);
-  if (result != SLF_OK) {
-    slf_close(file);
-    ripple_script_free(script);
-    return complain(o.path, error.message);
-  }
-  start_check(&check, file, o.path);
-  result = o.output ? write_pictures(&o, file, &view, script, &check, &error)
-                    : show_window(&o, file, &view, script, &error);
-  bool check_failed = finish_check(&check) != SLF_OK;
   if (result != SLF_OK && error.message[0]) complain(NULL, error.message);
-  slf_close(file);
   ripple_script_free(script);
-  return result == SLF_OK && !check_failed ? EXIT_SUCCESS : EXIT_FAILURE;
+  return result == SLF_OK ? EXIT_SUCCESS : EXIT_FAILURE;
 }

@@ -221,6 +221,7 @@ bool texture_create(texture *x, const slf_mesh *mesh, const slf_layer *layer, bl
   x->outside = malloc(mesh->vertex_count + (size_t)1);
   x->visible = malloc(mesh->triangle_count + (size_t)1);
   if (x->resampler && x->made && x->s && x->t && x->outside && x->visible && create_levels(x)) {
+    if (layer->curve == SLF_CURVE_DWA) resampler_use_format(x->resampler, U_BLOCK_HALF);
     texture_use_kernel(x, RESAMPLE_BEST);
     return true;
   }

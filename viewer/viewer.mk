@@ -1,14 +1,15 @@
 # The viewer. Its core needs no GL and is what the unit tests link; GLFW, EGL and OSMesa are loaded
 # at run time, their headers are needed to build.
 VIEWER_CORE_OBJECTS := $(addprefix $(OBJ)/viewer/,uv_mesh.o block_cache.o resample.o depth_mix.o texture.o mipmap.o \
-  camera.o ripple.o ripple_script.o water.o pick.o)
+  camera.o path.o ripple.o ripple_script.o water.o pick.o)
 VIEWER_OBJECTS := $(VIEWER_CORE_OBJECTS) $(addprefix $(OBJ)/viewer/,gl_api.o context.o context_egl.o \
-  context_osmesa.o draw.o image.o window.o water_input.o slfview.o)
+  context_osmesa.o checked_file.o draw.o overlay.o maps.o truth.o image.o window.o water_input.o slfview.o)
 
 # sqrtf becomes a vector instruction when it need not set errno, a conditional division a blend when
 # it need not trap. Neither changes a value.
 $(addprefix $(OBJ)/viewer/,resample.o depth_mix.o texture.o water.o): PKG_CFLAGS := -fno-math-errno -fno-trapping-math
-$(OBJ)/viewer/image.o: PKG_CFLAGS = $(shell pkg-config --cflags libpng)
+$(OBJ)/viewer/overlay.o: PKG_CFLAGS = $(shell pkg-config --cflags stb)
+$(addprefix $(OBJ)/viewer/,image.o truth.o): PKG_CFLAGS = $(shell pkg-config --cflags libpng)
 $(OBJ)/viewer/window.o: PKG_CFLAGS = $(shell pkg-config --cflags glfw3)
 $(OBJ)/viewer/context_egl.o: PKG_CFLAGS = $(shell pkg-config --cflags egl)
 $(OBJ)/viewer/context_osmesa.o: PKG_CFLAGS = $(shell pkg-config --cflags osmesa)
@@ -18,7 +19,22 @@ $(OUT)/slfview: $(VIEWER_OBJECTS) $(LIBSLF)
 
 all: $(OUT)/slfview
 
+demo: all ## Bake the pond at preview size and show it; without a display, film it to build/demo
+	$(MAKE) --no-print-directory bake SCENE=pond
+	@viewer/demo $(OUT)/slfview build/pond.slf
+
+# The pond's bench draws.
+$(OUT)/bench/pond: $(OBJ)/tests/bench/pond.o $(filter-out %/slfview.o,$(VIEWER_OBJECTS)) $(LIBSLF)
+	@mkdir -p $(@D)
+	$(call say,link,$@)$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lpng -ldl -lm -o $@
+
 # Programs of tests/bench: they link what the unit tests link.
 $(OUT)/bench/%: $(OBJ)/tests/bench/%.o $(VIEWER_CORE_OBJECTS) $(LIBSLF)
 	@mkdir -p $(@D)
 	$(call say,link,$@)$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lm -o $@
+# Tests of the window and of paths want a light field that needs no ray tracer.
+unit-suites: $(OUT)/bench/room
+
+.PHONY: bench-viewer
+bench-viewer: $(addprefix $(OUT)/bench/,room viewer open) $(OUT)/slfview
+	@tests/bench/viewer.sh

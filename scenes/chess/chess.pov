@@ -21,7 +21,7 @@ global_settings { assumed_gamma 1.0 }
 
 camera { perspective location <46, 22, -52> right x*4/3 up y angle 50 look_at <2, 1, -4> }
 
-Slf_Background(<0.35, 0.55, 0.85>)
+Slf_Background(<0.80, 0.72, 0.77>)
 
 // ---- Board, frame, table, ground ------------------------------------------------------------------
 Slf_Quad("board", <-32, 0, -32>, 64*z, 64*x, <Texels, Texels>, <Directions, Directions>)
@@ -30,7 +30,7 @@ Slf_Quad("board", <-32, 0, -32>, 64*z, 64*x, <Texels, Texels>, <Directions, Dire
 #macro On_Square(R, U)
   #local Side = int(4*U);
   #local At = 4*U - Side;
-  vrotate(<R, 0, R*(1 - 2*At)>, 90*mod(Side, 4)*y)
+  vrotate(<R, 0, R*(2*At - 1)>, -90*mod(Side, 4)*y)
 #end
 #macro Slf_Point(U, V)
   (On_Square(32 + 3*V, mod(U + 1, 1)) - 0.15*y)

@@ -4,7 +4,8 @@
  *
  *   room TEXELS DIRECTIONS SAMPLES QUALITY OUT.slf
  *
- * SAMPLES squared per texel, spread over its (U,V) and its (S,T) cell. */
+ * SAMPLES squared per texel, spread over its (U,V) and its (S,T) cell; 0 makes every texel of floor
+ * and ball 0.5 in every direction, so that whatever a viewer shows of them must be just that. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -138,7 +139,7 @@ static slf_result read_slice(void *context, uint32_t s_index, uint32_t t_index, 
   for (uint32_t y = 0; y < s->texels; y++)
     for (uint32_t x = 0; x < s->texels; x++, rgb += 3) {
       const uint32_t side = s->samples;
-      rgb[0] = rgb[1] = rgb[2] = 0;
+      rgb[0] = rgb[1] = rgb[2] = side ? 0 : 0.5f;
       for (uint32_t k = 0; k < side * side; k++) {
         frame f = s->at((x + (k % side + 0.5) / side) / s->texels,
                         (y + (k / side + 0.5) / side) / s->texels);
@@ -210,11 +211,13 @@ int main(int argc, char **argv) {
       {"door", {-2.2f, 1.7f, -2.4f}, {0.5f, 0.6f, 0.5f}, 70},
       {"floor", {0.2f, 0.4f, -2.8f}, {0.3f, 0.3f, 1}, 75},
       {"ball", {1.9f, 1.6f, -0.9f}, {0.6f, 1.1f, 0.4f}, 60},
+      {"near", {0.6f, 1.9f, -0.1f}, {0.6f, 1.6f, 0.4f}, 90},
+      {"grazing", {-2.9f, 0.02f, -2.9f}, {0.6f, 0.3f, 0.4f}, 60},
   };
   slf_writer *writer = NULL;
   slf_error error;
   slf_result result = slf_writer_create(argv[5], &writer, &error);
-  for (size_t i = 0; i < 3 && result == SLF_OK; i++)
+  for (size_t i = 0; i < sizeof views / sizeof *views && result == SLF_OK; i++)
     result = slf_writer_add_view(writer, &views[i], &error);
   shape floor_shape = {floor_at, texels, directions, samples},
         ball_shape = {ball_at, texels, directions, samples}, wall_shape = {wall_at, 128, 1, 2};

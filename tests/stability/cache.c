@@ -139,6 +139,24 @@ static void as_many_slices_as_can_be(void **state) {
   }
 }
 
+/* A pair of neighbours decodes as each does alone, whichever comes first: blocks of a quad lean on
+ * each other, and what lies between the two is passed over. */
+static void pairs_decode_as_blocks_alone(void **state) {
+  (void)state;
+  for (uint16_t s = 0; s + 1 < DIRECTIONS; s++)
+    for (uint16_t t = 0; t + 1 < DIRECTIONS; t++)
+      for (int first = 0; first < 4; first++)
+        for (int second = 0; second < 4; second++) {
+          const slf_block_address pair[2] = {
+              {(uint16_t)(s + first % 2), (uint16_t)(t + first / 2), 1, 0},
+              {(uint16_t)(s + second % 2), (uint16_t)(t + second / 2), 1, 0}};
+          uint8_t blocks[2][SLF_BLOCK_NBYTES], *out[2] = {blocks[0], blocks[1]};
+          slf_decode_blocks(file, 0, 0, pair, 2, out);
+          for (int k = 0; k < 2; k++)
+            assert_block(blocks[k], 1, 0, (slice_index)(pair[k].s << 8 | pair[k].t));
+        }
+}
+
 /* ---- Through the mix ---------------------------------------------------------------------------
  */
 
@@ -203,6 +221,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(blocks_in_turn),
       cmocka_unit_test(as_many_slices_as_can_be),
+      cmocka_unit_test(pairs_decode_as_blocks_alone),
       cmocka_unit_test(every_texel_its_own_direction),
   };
   return cmocka_run_group_tests(tests, write_file, remove_file);

@@ -10,8 +10,10 @@
 #include <unistd.h>
 
 #include <cmocka.h>
+#include <malloc.h>
 
 #include "viewer/block_cache.h"
+#include "viewer/half.h"
 #include "viewer/texture.h"
 
 enum { TEXELS = 44, DIRECTIONS = 12 }; /* not a multiple of 8: blocks hang over the edge */
@@ -213,11 +215,128 @@ static void test_random_fetches(void **state) {
   }
 }
 
+static float any(float scale) {
+  return scale * (2 * (float)rand() / (float)RAND_MAX - 1);
+}
+
+/* 10,000 cameras anywhere: inside, behind, on the plane itself, at vertices, at 1e6. Every texel of
+ * every level is radiance of the file or nothing, and nothing is allocated on the way. */
+static void test_flight(void **state) {
+  (void)state;
+  block_cache *cache = block_cache_create(file, 200);
+  const slf_surface *surface = slf_get_surface(file, 0);
+  texture x;
+  assert_true(texture_create(&x, &surface->mesh, &surface->layers[0],
+                             block_cache_layer(cache, 0, 0), UV_DICE_PX));
+  srand(4);
+  size_t made = 0, allocated = 0;
+  for (int frame = 0; frame < 10000; frame++) {
+    static const float scales[] = {1, 1e-3f, 30, 1e6f};
+    float scale = scales[frame % 4];
+    slf_view view = {.location = {0.5f + any(scale), any(scale), 0.5f + any(scale)},
+                     .look_at = {any(2), any(2), any(2)},
+                     .angle_deg = 90 + any(89)};
+    if (frame % 5 == 0) view.location[1] = 0;
+    if (frame % 7 == 0) memcpy(view.location, view.look_at, sizeof view.location);
+    if (frame % 11 == 0) memset(view.location, 0, sizeof view.location);
+    camera c = camera_of_view(&view, 4, 3);
+    block_cache_begin_frame(cache);
+    texture_update(&x, &c, (direction_bend){0});
+    texture_make_levels(&x);
+    made += x.made_count;
+    for (uint32_t level = 0; level < x.level_count; level++)
+      for (uint32_t v = 0; v < x.levels[level].height; v++) {
+        const uint16_t *texel = (const uint16_t *)((const uint8_t *)x.levels[level].texels +
+                                                   v * x.levels[level].row_nbytes);
+        /* Halves above 1 (the brightest code, and room for the mean's rounding) or NaN are larger
+         * integers than 0x3c01; a colour is premultiplied, so never above its alpha by more. */
+        for (uint32_t i = 0; i < 4 * x.levels[level].width; i++) {
+          assert_true(texel[i] <= HALF_ONE + 1);
+          if (i % 4 == 3 && level == 0) assert_true(texel[i] == 0 || texel[i] == HALF_ONE);
+          if (i % 4 != 3)
+            assert_true(float_from_half(texel[i]) <= float_from_half(texel[i | 3]) * 1.002f);
+        }
+      }
+    assert_true(block_cache_resident(cache) <= 200 + 2 * BLOCK_MAX_SLICES);
+    if (frame == 100) allocated = mallinfo2().uordblks;
+  }
+  /* Under the address sanitizer mallinfo2 gives zeros, and its leak check does this work. */
+  assert_int_equal(mallinfo2().uordblks, allocated);
+  assert_true(made > 10000); /* many of them saw something */
+  texture_free(&x);
+  block_cache_free(cache);
+}
+
+/* Radiance far above white: what is mixed is what the file holds, to a half float's rounding. */
+static slf_result read_bright(void *context, uint32_t s_index, uint32_t t_index, float *rgb,
+                              slf_error *error) {
+  (void)context, (void)error;
+  for (uint32_t i = 0; i < 16 * 16 * 3; i++)
+    rgb[i] = expf(0.02f * (float)(i / 3 % 16 * s_index + i / 48 * t_index)) * 3;
+  return SLF_OK;
+}
+
+static void test_hdr(void **state) {
+  (void)state;
+  const slf_surface *square = slf_get_surface(file, 0);
+  char bright[] = "/tmp/slf_viewer_hdr_XXXXXX";
+  int descriptor = mkstemp(bright);
+  assert_true(descriptor >= 0);
+  close(descriptor);
+  slf_error error = {{0}};
+  slf_writer *writer;
+  slf_file *hdr;
+  slf_source source = {.read_slice = read_bright};
+  slf_surface surface = {.name = "bright", .mesh = square->mesh};
+  slf_layer_options options = {.curve = SLF_CURVE_DWA,
+                               .u_count = 16,
+                               .v_count = 16,
+                               .s_count = 6,
+                               .t_count = 6,
+                               .quality = 90,
+                               .thread_count = 1};
+  assert_int_equal(slf_writer_create(bright, &writer, &error), SLF_OK);
+  assert_int_equal(slf_writer_add_surface(writer, &surface, &error), SLF_OK);
+  assert_int_equal(slf_writer_add_layer(writer, &options, &source, &error), SLF_OK);
+  assert_int_equal(slf_writer_finish(writer, &error), SLF_OK);
+  assert_int_equal(slf_open(bright, &hdr, &error), SLF_OK);
+  for (size_t capacity = 0; capacity < 200; capacity += 100)
+    for (int kernel = 0; kernel < 2; kernel++) {
+      block_cache *cache = block_cache_create(hdr, capacity);
+      resampler *r = resampler_create(6, 6, block_cache_layer(cache, 0, 0));
+      resampler_use_format(r, U_BLOCK_HALF);
+      resampler_use_kernel(r, kernel ? RESAMPLE_PLAIN_C : RESAMPLE_BEST);
+      block_directions d = {.mask = ~(uint64_t)0};
+      /* Half way between slices 2 and 3 along s, on slice 4 along t. */
+      for (int k = 0; k < 64; k++) d.s[k] = 0.5f, d.t[k] = 4.5f / 6;
+      uint16_t out[256];
+      float a[192], b[192], brightest = 0;
+      resample_block(r, 1, 0, &d, out, 64);
+      resample_flush(r);
+      slf_decode_block_linear(hdr, 0, 0, (slf_block_address){2, 4, 1, 0}, a);
+      slf_decode_block_linear(hdr, 0, 0, (slf_block_address){3, 4, 1, 0}, b);
+      for (int k = 0; k < 64; k++)
+        for (int c = 0; c < 3; c++) {
+          float exact = 0.5f * (a[3 * k + c] + b[3 * k + c]);
+          /* Each tap and the result are rounded to 11 bits. */
+          assert_true(fabsf(float_from_half(out[4 * k + c]) - exact) <= exact * 2 / 2048);
+          brightest = fmaxf(brightest, exact);
+        }
+      assert_true(brightest > 5); /* the file did not clamp it */
+      resampler_free(r);
+      block_cache_free(cache);
+    }
+  slf_close(hdr);
+  unlink(bright);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_any_capacity_gives_the_same_bytes),
       cmocka_unit_test(test_counts_of_a_frame_and_the_map),
       cmocka_unit_test(test_random_fetches),
+      cmocka_unit_test(test_flight),
+      cmocka_unit_test(test_hdr),
   };
   return cmocka_run_group_tests(tests, write_file, remove_file);
 }

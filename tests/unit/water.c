@@ -361,7 +361,7 @@ static void a_scripted_stroke_is_whole(void **state) {
   slf_error error;
   ripple_script *script = script_of("0.25 stroke 0.1 0.5 0.9 0.5 0.3 0.02 0.6\n", &error);
   assert_non_null(script);
-  assert_float_equal(ripple_script_end_s(script), 0.85, 1e-9);
+  assert_float_equal(ripple_script_end_s(script), 1.85, 1e-9);
   water *w = make(64), *whole = make(64);
   for (int i = 0; i < 120; i++) /* applied, without the water moving */
     assert_int_equal(ripple_script_apply(script, w->pond, i / 120.0, (i + 1) / 120.0, &error),

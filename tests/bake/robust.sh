@@ -1,0 +1,97 @@
+#!/bin/bash
+# A bake that is killed, or meets a full disk or a broken POV-Ray, leaves nothing half-written under a
+# final name, says what happened in one line, and goes on the next time to the same bytes.
+set -u
+root=$(mktemp -d build/robust.XXXXXX)
+trap 'rm -rf "$root" build/bake/robust build/bake/robust-* build/robust.slf build/robust-*.slf' EXIT
+mkdir "$root/scenes" "$root/bin"
+cp -r tests/bake/tiny "$root/scenes/robust"
+scene=$root/scenes/robust/robust.pov
+mv "$root/scenes/robust/tiny.pov" "$scene"
+
+bake() { make --no-print-directory bake SCENES="$root/scenes" SCENE=robust QUALITY=paper RAYS=9 "$@"; }
+count=0
+ok() { count=$((count + 1)); echo "ok $count - $1"; }
+not_ok() { count=$((count + 1)); echo "not ok $count - $1"; [ ! -s "$root/log" ] || sed 's/^/# /' "$root/log"; }
+check() { if eval "$2"; then ok "$1"; else not_ok "$1"; fi; }
+chunks() { find build/bake/robust -name '0*.exr' | sort; }
+echo 1..11
+
+# The undisturbed bake.
+start=$(date +%s%N)
+bake > "$root/log" 2>&1
+took_ms=$((($(date +%s%N) - start)/1000000))
+check "an undisturbed bake" '[ -s build/robust.slf ]'
+cp build/robust.slf "$root/undisturbed.slf"
+
+# Killed again and again at random moments of its time, until 20 kills have hit; whenever a run gets
+# through before its kill, the next begins from nothing.
+RANDOM=1 # bash's generator: the same moments every time, as far as the machine's load allows
+hit=0 whole=0
+rm -rf build/bake/robust build/robust.slf
+while [ $hit -lt 20 ]; do
+  setsid make --no-print-directory bake SCENES="$root/scenes" SCENE=robust QUALITY=paper RAYS=9 \
+    > "$root/log" 2>&1 &
+  leader=$!
+  sleep "$(awk -v r=$RANDOM -v t=$took_ms 'BEGIN { print r/32768*t*0.6/1000 }')"
+  if kill -9 -- -$leader 2> /dev/null; then hit=$((hit + 1)); else whole=$((whole + 1)); fi
+  wait $leader 2> /dev/null
+  if [ -e build/robust.slf ]; then
+    cmp -s build/robust.slf "$root/undisturbed.slf" || break
+    rm -rf build/bake/robust build/robust.slf
+  fi
+done
+bake > "$root/log" 2>&1
+echo "# figure: bake killed $hit times; $whole runs were through before"
+check "killed 20 times, then the same bytes" '[ $hit -eq 20 ] && cmp build/robust.slf "$root/undisturbed.slf"'
+
+# Nothing changed: nothing is baked.
+touch "$root/before"; sleep 0.05
+bake > "$root/log" 2>&1
+check "nothing changed, nothing is baked" '[ -z "$(find build/bake/robust build/robust.slf -name "*.exr" -newer "$root/before")" ] && [ build/robust.slf -ot "$root/before" ]'
+
+# A surface's own line changed: only that surface is baked.
+sed -i 's/0.6, <16, 16>, Slf_Matte/0.6, <24, 16>, Slf_Matte/' "$scene"
+bake > "$root/log" 2>&1
+check "a surface's line changed: only its chunks are baked" '[ "$(find build/bake/robust -name "0*.exr" -newer "$root/before")" = build/bake/robust/ball/0000.exr ]'
+
+# The scene changed: everything is.
+touch "$root/before"; sleep 0.05
+sed -i 's/rgb 0.1 }/rgb 0.11 }/' "$scene"
+bake > "$root/log" 2>&1
+check "the scene changed: all chunks are baked" '[ -z "$(find build/bake/robust -name "0*.exr" ! -newer "$root/before")" ]'
+
+# A file cannot grow: what a full disk does. SIGXFSZ is ignored, so that writing fails instead.
+rm -rf build/bake/robust build/robust.slf
+(trap "" XFSZ; ulimit -f 24; bake) > "$root/log" 2>&1
+status=$?
+check "no room: a failure, a line, and no file" '[ $status -ne 0 ] && grep -q "^slf: " "$root/log" && [ ! -e build/robust.slf ]'
+
+# POV-Ray says that all is well and has written no image; POV-Ray crashes. Frames only: not describe.
+cat > "$root/bin/povray" <<'FAKE'
+#!/bin/sh
+case " $* " in *frame.exr*) [ "$FAKE" = crash ] && kill -ABRT $$; exit 0 ;; esac
+exec /usr/bin/env PATH="$REAL_PATH" povray "$@"
+FAKE
+chmod +x "$root/bin/povray"
+REAL_PATH=$PATH; export REAL_PATH
+rm -rf build/bake/robust
+FAKE=silent PATH="$PWD/$root/bin:$PATH" bake > "$root/log" 2>&1
+status=$?
+check "exit 0 with no image: said in a line" '[ $status -ne 0 ] && grep -q "^slf: .*POV-Ray wrote no image" "$root/log" && [ -z "$(chunks)" ]'
+FAKE=crash PATH="$PWD/$root/bin:$PATH" bake > "$root/log" 2>&1
+status=$?
+check "POV-Ray crashes: said in a line" '[ $status -ne 0 ] && grep -qE "^slf: .*POV-Ray: (ended with status 134|Aborted)" "$root/log" && [ -z "$(chunks)" ]'
+bake > "$root/log" 2>&1
+check "and the next run goes on" '[ -s build/robust.slf ]'
+
+# Radiance that is no number: surface, slice and texel are named. 1e30 is infinite as a half.
+bake NAME=robust-inf DECLARE=Glow=1e30 > "$root/log" 2>&1
+status=$?
+check "infinite radiance: surface, slice and texel named" '[ $status -ne 0 ] && grep -qE "^slf: .*surface .(floor|ball|wall)., slice [0-9]+,[0-9]+, texel [0-9]+,[0-9]+: radiance is" "$root/log" && [ ! -e build/robust-inf.slf ]'
+
+# A mistake in the scene: POV-Ray's own line.
+sed -i 's/^plane { -z/plane -z/' "$scene"
+bake > "$root/log" 2>&1
+status=$?
+check "a mistake in the scene: POV-Ray's own line" '[ $status -ne 0 ] && grep -qE "^slf: .*robust.pov.* line [0-9]+: Parse Error" "$root/log"'

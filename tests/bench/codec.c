@@ -1,0 +1,383 @@
+/* codec - measures the codec beside libjpeg-turbo on light fields; one flat JSON object on stdout.
+ *
+ *   codec [BAKE_DIR SURFACE RAYS LABEL]...
+ *
+ * Each four arguments name a baked surface (build/bake/NAME, SURFACE) and the label of its numbers.
+ * The synthetic mirror is always measured. Times are CPU time of one thread, the least of several
+ * rounds that alternate between the codecs: ratios hold on a machine that does other things too. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <jpeglib.h>
+
+#include "bake/fail.h"
+#include "bake/image.h"
+#include "bake/surface.h"
+#include "tests/bench/synthetic.h"
+
+static double cpu_s(clockid_t clock) {
+  struct timespec t;
+  clock_gettime(clock, &t);
+  return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* ---- Light fields -------------------------------------------------------------------------- */
+
+static light_field load_baked(const char *folder, const char *name, uint32_t rays) {
+  char *path = format_text("%s/scene.txt", folder);
+  scene *all = scene_read(path);
+  free(path);
+  const surface *self = scene_find(all, name);
+  if (!self) fail("%s: no surface %s", folder, name);
+  light_field f = {self->u_count, self->v_count, self->s_count, self->t_count, NULL};
+  size_t samples = (size_t)f.u_count * f.v_count * 3;
+  f.codes = allocate((size_t)f.s_count * f.t_count, samples, name);
+  float *rgb = allocate(samples, sizeof *rgb, name);
+  uint32_t slice_count, at = 0;
+  slice *slices = surface_slices(self, &slice_count);
+  for (uint32_t c = 0; c < surface_chunk_count(self, rays); c++) {
+    chunk_range range = surface_chunk(self, rays, c);
+    path = format_text("%s/%s/%04u.exr", folder, name, c);
+    image *chunk = image_open(path);
+    for (uint32_t i = 0; i < range.count; i++, at++) {
+      uint8_t *codes = f.codes + ((size_t)slices[at].t * f.s_count + slices[at].s) * samples;
+      image_read_rows(chunk, "RGB", i * f.v_count, f.v_count, rgb);
+      for (size_t k = 0; k < samples; k++) codes[k] = slf_srgb_from_linear(rgb[k]);
+    }
+    image_close(chunk);
+    free(path);
+  }
+  free(slices);
+  free(rgb);
+  scene_free(all);
+  return f;
+}
+
+static uint32_t count_slices(const light_field *f) {
+  uint32_t count = 0;
+  for (uint32_t i = 0; i < f->s_count * f->t_count; i++)
+    count += slf_slice_exists(f->s_count, f->t_count, i % f->s_count, i / f->s_count);
+  return count;
+}
+
+static double raw_nbytes(const light_field *f) {
+  return 3.0 * f->u_count * f->v_count * count_slices(f);
+}
+
+/* ---- Ours ---------------------------------------------------------------------------------- */
+
+typedef struct {
+  double psnr, ratio, index_share, encode_s;
+} coded;
+
+static char path[64];
+
+/* Encodes to `path`. The PSNR is of the decoded codes, measured by the encoder block by block. */
+static coded encode(const light_field *f, slf_angular angular, double quality) {
+  slf_error error;
+  slf_writer *writer;
+  slf_surface s = {.name = "bench"};
+  slf_layer_options options = {.angular = angular,
+                               .u_count = f->u_count,
+                               .v_count = f->v_count,
+                               .s_count = f->s_count,
+                               .t_count = f->t_count,
+                               .quality = (float)quality};
+  slf_source source = {light_field_read_slice, (void *)(uintptr_t)f, NULL};
+  double begin = cpu_s(CLOCK_PROCESS_CPUTIME_ID);
+  if (slf_writer_create(path, &writer, &error) || slf_writer_add_surface(writer, &s, &error) ||
+      slf_writer_add_layer(writer, &options, &source, &error) || slf_writer_finish(writer, &error))
+    fail("%s", error.message);
+  coded c = {.encode_s = cpu_s(CLOCK_PROCESS_CPUTIME_ID) - begin};
+  slf_file *file;
+  if (slf_open(path, &file, &error)) fail("%s", error.message);
+  const slf_layer *layer = &slf_get_surface(file, 0)->layers[0];
+  c.psnr = layer->psnr;
+  c.ratio = raw_nbytes(f) / (double)(layer->payload_nbytes + layer->index_nbytes);
+  c.index_share = (double)layer->index_nbytes / (double)layer->payload_nbytes;
+  slf_close(file);
+  return c;
+}
+
+/* Secant steps: PSNR is nearly a line over quality, and so is the logarithm of the ratio. */
+static coded encode_at(const light_field *f, slf_angular angular, double target, bool by_ratio,
+                       double *quality) {
+  double q = 76, slope = by_ratio ? -0.09 : 0.5, previous_q = 0, previous = 0;
+  coded best = {0};
+  for (int i = 0; i < 7; i++) {
+    coded c = encode(f, angular, q);
+    double value = by_ratio ? log(c.ratio) : c.psnr, wanted = by_ratio ? log(target) : target;
+    if (i == 0 || fabs(value - wanted) < fabs((by_ratio ? log(best.ratio) : best.psnr) - wanted)) {
+      best = c;
+      *quality = q;
+    }
+    if (fabs(value - wanted) < 0.02) break;
+    if (i && fabs(q - previous_q) > 1e-6 && fabs(value - previous) > 1e-3)
+      slope = (value - previous) / (q - previous_q);
+    previous_q = q;
+    previous = value;
+    q = fmax(20, fmin(99.9, q + (wanted - value) / slope));
+  }
+  return best;
+}
+
+/* ---- libjpeg-turbo ------------------------------------------------------------------------- */
+
+typedef struct {
+  unsigned char **bytes;
+  unsigned long *nbytes;
+  uint32_t count;
+  double psnr, ratio;
+} jpeg_slices;
+
+static void jpeg_free(jpeg_slices *j) {
+  for (uint32_t i = 0; i < j->count; i++) free(j->bytes[i]);
+  free(j->bytes);
+  free(j->nbytes);
+}
+
+static void jpeg_encode(const light_field *f, const uint8_t *codes, int quality,
+                        unsigned char **bytes, unsigned long *nbytes) {
+  struct jpeg_compress_struct c;
+  struct jpeg_error_mgr errors;
+  c.err = jpeg_std_error(&errors);
+  jpeg_create_compress(&c);
+  *bytes = NULL;
+  *nbytes = 0;
+  jpeg_mem_dest(&c, bytes, nbytes);
+  c.image_width = f->u_count;
+  c.image_height = f->v_count;
+  c.input_components = 3;
+  c.in_color_space = JCS_RGB;
+  jpeg_set_defaults(&c);
+  jpeg_set_quality(&c, quality, FALSE);
+  for (int i = 0; i < 3; i++) c.comp_info[i].h_samp_factor = c.comp_info[i].v_samp_factor = 1;
+  c.optimize_coding = TRUE;
+  c.write_JFIF_header = FALSE;
+  jpeg_start_compress(&c, TRUE);
+  while (c.next_scanline < c.image_height) {
+    JSAMPROW row = (JSAMPROW)(uintptr_t)(codes + (size_t)c.next_scanline * f->u_count * 3);
+    jpeg_write_scanlines(&c, &row, 1);
+  }
+  jpeg_finish_compress(&c);
+  jpeg_destroy_compress(&c);
+}
+
+/* Decodes a slice to R G B X, libjpeg-turbo's own quickest four-byte layout. */
+static void jpeg_decode(const unsigned char *bytes, unsigned long nbytes, uint8_t *rgbx) {
+  struct jpeg_decompress_struct d;
+  struct jpeg_error_mgr errors;
+  d.err = jpeg_std_error(&errors);
+  jpeg_create_decompress(&d);
+  jpeg_mem_src(&d, bytes, nbytes);
+  jpeg_read_header(&d, TRUE);
+  d.out_color_space = JCS_EXT_RGBX;
+  jpeg_start_decompress(&d);
+  while (d.output_scanline < d.output_height) {
+    JSAMPROW rows[8];
+    for (int i = 0; i < 8; i++)
+      rows[i] = rgbx + ((size_t)d.output_scanline + (size_t)i) * d.output_width * 4;
+    jpeg_read_scanlines(&d, rows, d.output_height - d.output_scanline < 8 ? 1 : 8);
+  }
+  jpeg_finish_decompress(&d);
+  jpeg_destroy_decompress(&d);
+}
+
+static jpeg_slices jpeg_encode_all(const light_field *f, int quality) {
+  jpeg_slices j = {.count = count_slices(f)};
+  size_t texels = (size_t)f->u_count * f->v_count;
+  j.bytes = allocate(j.count, sizeof *j.bytes, "JPEG");
+  j.nbytes = allocate(j.count, sizeof *j.nbytes, "JPEG");
+  uint8_t *rgbx = allocate(texels + 8 * f->u_count, 4, "JPEG");
+  double squared = 0, stored = 0;
+  uint32_t i = 0;
+  for (uint32_t t = 0; t < f->t_count; t++)
+    for (uint32_t s = 0; s < f->s_count; s++) {
+      if (!slf_slice_exists(f->s_count, f->t_count, s, t)) continue;
+      const uint8_t *codes = light_field_slice(f, s, t);
+      jpeg_encode(f, codes, quality, &j.bytes[i], &j.nbytes[i]);
+      jpeg_decode(j.bytes[i], j.nbytes[i], rgbx);
+      for (size_t k = 0; k < texels; k++)
+        for (int c = 0; c < 3; c++) {
+          double d = (double)rgbx[4 * k + (size_t)c] - codes[3 * k + (size_t)c];
+          squared += d * d;
+        }
+      /* Only the scan's share: a slice set could keep its tables once. */
+      stored += (double)j.nbytes[i++];
+    }
+  free(rgbx);
+  j.psnr = 10 * log10(255 * 255 / (squared / raw_nbytes(f)));
+  j.ratio = raw_nbytes(f) / stored;
+  return j;
+}
+
+/* The JPEG quality whose PSNR is nearest to a target. */
+static jpeg_slices jpeg_at(const light_field *f, double target) {
+  int low = 5, high = 100;
+  while (low + 1 < high) {
+    int middle = (low + high) / 2;
+    jpeg_slices j = jpeg_encode_all(f, middle);
+    if (j.psnr < target)
+      low = middle;
+    else
+      high = middle;
+    jpeg_free(&j);
+  }
+  return jpeg_encode_all(f, high);
+}
+
+/* ---- Speed --------------------------------------------------------------------------------- */
+
+typedef struct {
+  slf_block_address *addresses;
+  uint8_t **u_blocks;
+  size_t count;
+} block_list;
+
+/* All blocks in the order of the file: quad by quad, place by place. */
+static block_list list_blocks(const light_field *f) {
+  uint32_t bu = (f->u_count + 7) / 8, bv = (f->v_count + 7) / 8;
+  block_list l = {.addresses =
+                      allocate((size_t)count_slices(f) * bu * bv, sizeof *l.addresses, "list")};
+  for (uint32_t t = 0; t < f->t_count; t += 2)
+    for (uint32_t s = 0; s < f->s_count; s += 2)
+      for (uint32_t b = 0; b < bu * bv; b++)
+        for (uint32_t q = 0; q < 4; q++) {
+          uint32_t qs = s + (q == 1 || q == 2), qt = t + (q >= 2);
+          if (slf_slice_exists(f->s_count, f->t_count, qs, qt))
+            l.addresses[l.count++] = (slf_block_address){(uint16_t)qs, (uint16_t)qt,
+                                                         (uint16_t)(b % bu), (uint16_t)(b / bu)};
+        }
+  /* As a block cache would have them: 2 MiB that are written again and again. */
+  uint8_t *cache = allocate(8192, SLF_BLOCK_NBYTES, "cache");
+  l.u_blocks = allocate(l.count, sizeof *l.u_blocks, "list");
+  for (size_t i = 0; i < l.count; i++) l.u_blocks[i] = cache + i % 8192 * SLF_BLOCK_NBYTES;
+  return l;
+}
+
+/* Runs of `run` blocks stay together: 4 are a quad's, what a four-tap mix asks for. */
+static void shuffle(block_list *l, size_t run) {
+  uint64_t x = 88172645463325252u; /* xorshift64 */
+  for (size_t i = l->count / run - 1; i; i--) {
+    x ^= x << 13;
+    x ^= x >> 7;
+    x ^= x << 17;
+    size_t k = x % (i + 1);
+    for (size_t r = 0; r < run; r++) {
+      slf_block_address swap = l->addresses[i * run + r];
+      l->addresses[i * run + r] = l->addresses[k * run + r];
+      l->addresses[k * run + r] = swap;
+    }
+  }
+}
+
+typedef struct {
+  double jpeg_ns, sequential_ns, random_ns, random_quads_ns;
+} speed;
+
+static double time_blocks(const slf_file *file, const block_list *l) {
+  enum { BATCH = 512 }; /* what a frame of a slowly moving view asks for */
+  double begin = cpu_s(CLOCK_THREAD_CPUTIME_ID);
+  for (size_t i = 0; i < l->count; i += BATCH) {
+    size_t count = l->count - i < BATCH ? l->count - i : BATCH;
+    slf_decode_blocks(file, 0, 0, l->addresses + i, count, l->u_blocks + i);
+  }
+  return (cpu_s(CLOCK_THREAD_CPUTIME_ID) - begin) / (double)l->count * 1e9;
+}
+
+/* The file at `path` beside the JPEGs. */
+static speed measure_speed(const light_field *f, const jpeg_slices *j) {
+  slf_error error;
+  slf_file *file;
+  if (slf_open(path, &file, &error)) fail("%s", error.message);
+  block_list in_order = list_blocks(f), at_random = list_blocks(f), quads = list_blocks(f);
+  shuffle(&at_random, 1);
+  shuffle(&quads, 4);
+  uint8_t *rgbx = allocate((size_t)f->u_count * (f->v_count + 8), 4, "slice");
+  speed best = {1e9, 1e9, 1e9, 1e9};
+  for (int round = 0; round < 9; round++) {
+    double begin = cpu_s(CLOCK_THREAD_CPUTIME_ID);
+    for (uint32_t i = 0; i < j->count; i++) jpeg_decode(j->bytes[i], j->nbytes[i], rgbx);
+    best.jpeg_ns =
+        fmin(best.jpeg_ns, (cpu_s(CLOCK_THREAD_CPUTIME_ID) - begin) / (double)in_order.count * 1e9);
+    best.sequential_ns = fmin(best.sequential_ns, time_blocks(file, &in_order));
+    best.random_ns = fmin(best.random_ns, time_blocks(file, &at_random));
+    best.random_quads_ns = fmin(best.random_quads_ns, time_blocks(file, &quads));
+  }
+  slf_close(file);
+  return best;
+}
+
+/* ---- The numbers --------------------------------------------------------------------------- */
+
+static const char *separator = "{";
+
+static void put(const char *key, const char *label, double value) {
+  printf("%s\n  \"%s%s%s\": %.5g", separator, key, *label ? "_" : "", label, value);
+  fflush(stdout);
+  separator = ",";
+}
+
+/* At 40 dB, where the display shows no more than the material's own noise. */
+static const double target_psnr = 40;
+
+static void measure(const light_field *f, const char *label, double *decode, double *random,
+                    double *jpeg_gain) {
+  double quality;
+  jpeg_slices j = jpeg_at(f, target_psnr);
+  coded none = encode_at(f, SLF_ANGULAR_NONE, j.psnr, false, &quality);
+  speed s = measure_speed(f, &j);
+  put("psnr", label, none.psnr);
+  put("ratio_jpeg", label, j.ratio);
+  put("ratio_none", label, none.ratio);
+  put("ratio_none_vs_libjpeg", label, none.ratio / j.ratio);
+  put("decode_vs_libjpeg", label, s.sequential_ns / s.jpeg_ns);
+  put("decode_random_vs_libjpeg", label, s.random_ns / s.jpeg_ns);
+  put("decode_random_quads_vs_libjpeg", label, s.random_quads_ns / s.jpeg_ns);
+  put("libjpeg_ns", label, s.jpeg_ns);
+  *decode = fmax(*decode, s.sequential_ns / s.jpeg_ns);
+  *random = fmax(*random, s.random_ns / s.jpeg_ns);
+  *jpeg_gain = fmin(*jpeg_gain, none.ratio / j.ratio);
+
+  coded layered = encode_at(f, SLF_ANGULAR_LAYERED, j.psnr, false, &quality);
+  s = measure_speed(f, &j);
+  put("ratio_layered", label, layered.ratio);
+  put("ratio_layered_vs_none", label, layered.ratio / none.ratio);
+  put("decode_layered_vs_libjpeg", label, s.sequential_ns / s.jpeg_ns);
+  put("decode_layered_random_vs_libjpeg", label, s.random_ns / s.jpeg_ns);
+  coded identical = encode_at(f, SLF_ANGULAR_IDENTICAL, j.psnr, false, &quality);
+  put("identical_gain", label, identical.ratio / none.ratio);
+  coded motion = encode_at(f, SLF_ANGULAR_MOTION, j.psnr, false, &quality);
+  put("motion_gain", label, motion.ratio / none.ratio);
+  jpeg_free(&j);
+}
+
+int main(int argc, char **argv) {
+  if (argc % 4 != 1) fail("usage: codec [BAKE_DIR SURFACE RAYS LABEL]...");
+  snprintf(path, sizeof path, "/tmp/slf_bench.%ld.slf", (long)getpid());
+  double decode = 0, random = 0, jpeg_gain = 1e9, quality;
+  light_field f;
+  if (!synthetic_make(SYNTHETIC_MIRROR, 128, 16, 3, &f)) fail("no memory for the synthetic mirror");
+  measure(&f, "synthetic_16", &decode, &random, &jpeg_gain);
+  coded at_30 = encode_at(&f, SLF_ANGULAR_NONE, 30, true, &quality);
+  put("index_overhead_at_30", "", at_30.index_share);
+  coded layered = encode(&f, SLF_ANGULAR_LAYERED, 76);
+  put("encode_mtexels_per_cpu_s", "", raw_nbytes(&f) / 3e6 / layered.encode_s);
+  light_field_free(&f);
+  for (int i = 1; i + 3 < argc; i += 4) {
+    f = load_baked(argv[i], argv[i + 1], (uint32_t)atoi(argv[i + 2]));
+    measure(&f, argv[i + 3], &decode, &random, &jpeg_gain);
+    light_field_free(&f);
+  }
+  put("decode_vs_libjpeg", "", decode);
+  put("decode_random_vs_libjpeg", "", random);
+  put("ratio_none_vs_libjpeg", "", jpeg_gain);
+  printf("\n}\n");
+  remove(path);
+  return 0;
+}

@@ -1,0 +1,491 @@
+#!/usr/bin/env python3
+"""measure.py - makes every number of the report and keeps it in build/report/QUALITY/measured.
+
+A measurement is one JSON file, made again when a file it was made from is newer: a run that was
+stopped goes on where it was. Bakes have names of their own, build/report-*.slf. All times are
+processor time, so that others on the machine do not count; ratios are of times in one run.
+"""
+import argparse
+import json
+import os
+import pathlib
+import platform
+import re
+import resource
+import subprocess
+import sys
+import time
+
+import flip_evaluator
+import numpy as np
+from PIL import Image
+
+SIZE = "240x180"  # of the pictures that are compared
+SAMPLES = 3  # squared, in a pixel of the viewer's pictures
+BUILD = pathlib.Path("build")
+
+# `directions` and `texels` are what the other axes of the plots are held at; `scan` is the line of
+# directions. Rays a pixel of the truth: its facets make the dull floor noisy. Preview halves texels.
+SCENES = {
+    "floor": dict(scene="floor", declare="", surfaces=["floor"], directions=16, truth=10),
+    "floor-mirror": dict(scene="floor", declare="Mirror=1", surfaces=["floor"], directions=32, truth=7),
+    "bottle": dict(scene="bottle", declare="", surfaces=["bottle"], directions=32, truth=7),
+    "box": dict(scene="box", declare="", surfaces=None, directions=16, truth=7),
+    "cube": dict(scene="cube", declare="", surfaces=None, directions=16, truth=7),
+    "pond": dict(scene="pond", declare="", surfaces=["water"], directions=32, truth=7),
+}
+QUICK = dict(texels=dict(floor=128, bottle=64, box=64, cube=64, pond=128),
+             scan={"floor": [4, 8, 16], "floor-mirror": [4, 8, 16, 32], "bottle": [4, 8, 16, 32],
+                   "box": [4, 8, 16], "cube": [4, 8, 16], "pond": [16, 32]},
+             views=2)
+PAPER = dict(texels=dict(floor=128, bottle=256, box=128, cube=128, pond=128),
+             scan={name: [4, 8, 16, 32, 64] for name in SCENES}, views=6)
+DICE_PX = [2, 8, 16, 32, 64]
+CACHES = [0, 10, 100, 1000, 65536]
+PAPER_CACHES = ["all", "all-1", "1000", "100", "10", "4", "1", "0"]
+PAPER_OFFSETS = ["0.01", "0.1", "0.2", "0.5", "1.0", "2.0", "5.0"]
+QUALITIES = [30, 60, 85]
+SHINY = {"box": "box_", "cube": "cube_"}  # surfaces with a name that begins so
+
+
+class Report:
+    def __init__(self, quality, only):
+        self.quality = quality
+        self.only = only
+        self.plan = PAPER if quality == "paper" else QUICK
+        self.folder = BUILD / "report" / quality
+        (self.folder / "measured").mkdir(parents=True, exist_ok=True)
+        (self.folder / "pictures").mkdir(exist_ok=True)
+
+    # ---- What was measured is kept ---------------------------------------------------------------
+
+    def kept(self, key, make, *sources):
+        """The measurement `key`, made by make() unless it is there and no source is newer."""
+        path = self.folder / "measured" / (key + ".json")
+        if path.exists() and all(path.stat().st_mtime >= os.stat(s).st_mtime for s in sources):
+            return json.loads(path.read_text())
+        print(f"report: {key}", flush=True)
+        value = make()
+        part = path.with_suffix(".part")
+        part.write_text(json.dumps(value, indent=1))
+        part.rename(path)
+        return value
+
+    # ---- Files -------------------------------------------------------------------------------------
+
+    def declare(self, name, directions, texels):
+        return f"{SCENES[name]['declare']} Directions={directions} Texels={texels}".strip()
+
+    def texels(self, name):
+        return self.plan["texels"][SCENES[name]["scene"]]
+
+    def bake(self, name, directions=None, texels=None):
+        """A bake of the scene: (file, seconds of processor time)."""
+        directions = directions or SCENES[name]["directions"]
+        texels = texels or self.texels(name)
+        prefix = "report-paper" if self.quality == "paper" else "report"
+        bake = f"{prefix}-{name}-{directions}-{texels}"
+        path = BUILD / f"{bake}.slf"
+
+        def make():
+            begun = (BUILD / "bake" / bake).exists()
+            cpu_s = run(["make", "-s", "bake", f"SCENE={SCENES[name]['scene']}", f"NAME={bake}",
+                         f"QUALITY={self.quality}", f"DECLARE={self.declare(name, directions, texels)}"])
+            # Of a bake that was stopped the time is not known.
+            return dict(cpu_s=None if begun else cpu_s)
+
+        if not path.exists():
+            self.forget(f"bake-{bake}")
+        return path, self.kept(f"bake-{bake}", make)["cpu_s"]
+
+    def forget(self, key):
+        (self.folder / "measured" / (key + ".json")).unlink(missing_ok=True)
+
+    def recode(self, file, angular, quality):
+        out = self.folder / f"{file.stem}-{angular}-{quality:g}.slf"
+        key = f"recode-{out.stem}"
+        if not out.exists():
+            self.forget(key)
+        made = self.kept(key, lambda: dict(cpu_s=run(
+            [BUILD / "report/recode", file, angular, f"{quality:g}", out])), file)
+        return out, made["cpu_s"]
+
+    def info(self, file):
+        return self.kept(f"info-{file.stem}",
+                         lambda: json.loads(output([BUILD / "report/frame", "info", file])), file)
+
+    def shiny(self, file):
+        """The layers with directions of a file: bytes, raw bytes, slices."""
+        layers = [layer for surface in self.info(file)["surfaces"] for layer in surface["layers"]
+                  if layer["slices"] > 1]
+        raw = sum(layer["raw_nbytes"] for layer in layers)
+        nbytes = sum(layer["payload_nbytes"] + layer["index_nbytes"] for layer in layers)
+        return dict(raw_nbytes=raw, nbytes=nbytes, ratio=raw / nbytes, directions=layers[0]["directions"],
+                    texels=layers[0]["texels"], surfaces=len(layers))
+
+    # ---- Pictures ----------------------------------------------------------------------------------
+
+    def picture(self, key):
+        return self.folder / "pictures" / (key + ".png")
+
+    def truth(self, name, view, rays, declare=None):
+        """POV-Ray's picture with rays x rays a pixel: (file, milliseconds of processor time)."""
+        out = self.picture(f"truth-{name}-{view}-{rays}")
+        scene = SCENES[name]
+        declares = [f"Declare={x}" for x in scene["declare"].split()]
+
+        def make():
+            # What POV-Ray takes to start and to read the scene is not of the frame.
+            start_s = run(["tests/truth", scene["scene"], view, "8x6", "1", self.picture("start"), *declares])
+            cpu_s = run(["tests/truth", scene["scene"], view, SIZE, str(rays), out, *declares])
+            return dict(ms=1e3 * max(cpu_s - start_s, 0))
+
+        if not out.exists():
+            self.forget(f"truth-{name}-{view}-{rays}")
+        return out, self.kept(f"truth-{name}-{view}-{rays}", make,
+                              f"scenes/{scene['scene']}/{scene['scene']}.pov")["ms"]
+
+    def drawn(self, file, view, *options):
+        """The viewer's picture."""
+        key = "-".join([file.stem, view, *(str(o).strip("-") for o in options)])
+        out = self.picture(f"view-{key}".replace("/", "_"))
+        if not out.exists() or out.stat().st_mtime < file.stat().st_mtime:
+            run([BUILD / "slfview", file, "--view", view, "--size", SIZE, "--samples", SAMPLES,
+                 "--backend", "osmesa", "--output", out, *options])
+        return out
+
+    def mask(self, name, file, view):
+        """Where a shiny surface is seen."""
+        out = self.picture(f"mask-{name}-{view}")
+        if not out.exists():
+            wanted = SCENES[name]["surfaces"] or [
+                s["name"] for s in self.info(file)["surfaces"] if s["name"].startswith(SHINY[name])]
+            union = None
+            for surface in wanted:
+                run([BUILD / "slfview", file, "--view", view, "--size", SIZE, "--backend", "osmesa",
+                     "--mask", surface, "--output", out])
+                seen = np.asarray(Image.open(out).convert("L")) > 127
+                union = seen if union is None else union | seen
+            Image.fromarray((union * 255).astype(np.uint8)).save(out)
+        return out
+
+    def views(self, name):
+        lines = pathlib.Path(f"scenes/{SCENES[name]['scene']}/views").read_text().splitlines()
+        names = [line.split()[0] for line in lines if line.split("#")[0].strip()]
+        return names[:self.plan["views"]]
+
+    def difference(self, name, a_of_view, b_of_view, base):
+        """Mean over the views of how pictures differ where shiny surfaces are seen."""
+        squares, flips = [], []
+        for view in self.views(name):
+            mask = np.asarray(Image.open(self.mask(name, base, view)).convert("L")) > 127
+            mask = eroded(mask)
+            a, b = pixels(a_of_view(view)), pixels(b_of_view(view))
+            squares.append(np.mean((a - b)[mask] ** 2))
+            flips.append(flip_map(a, b)[mask].mean())
+        mse = float(np.mean(squares))
+        return dict(rmse=mse ** 0.5, psnr=psnr(mse), flip=float(np.mean(flips)))
+
+    def error(self, name, file, base, *options):
+        """Against POV-Ray."""
+        rays = SCENES[name]["truth"]
+        key = "-".join(["error", file.stem, *(str(o).strip("-") for o in options)])
+        return self.kept(key, lambda: self.difference(
+            name, lambda view: self.truth(name, view, rays)[0],
+            lambda view: self.drawn(file, view, *options), base), file)
+
+    def frame_time(self, file, dice_px=8, cache=65536):
+        return self.kept(f"time-{file.stem}-{dice_px}-{cache}", lambda: json.loads(output(
+            [BUILD / "report/frame", "time", file, SIZE, dice_px, cache])), file)
+
+    def point(self, name, file, bake_s, base, label, dice_px=8, cache=65536):
+        options = [] if dice_px == 8 else ["--dice", dice_px]
+        clock = self.frame_time(file, dice_px, cache)
+        return dict(label=str(label), bake_s=bake_s, **self.error(name, file, base, *options),
+                    **self.shiny(file), file_nbytes=self.info(file)["file_nbytes"],
+                    still_ms=clock["still_ms"], moving_ms=clock["moving_ms"])
+
+    # ---- 1. Speed against error ----------------------------------------------------------------------
+
+    def base(self, name):
+        return self.bake(name)
+
+    def scene_points(self):
+        table = []
+        for name in SCENES:
+            file, bake_s = self.base(name)
+            table.append(dict(scene=name, **self.point(name, file, bake_s, file, name)))
+        return table
+
+    def speed_against_error(self, name):
+        file, bake_s = self.base(name)
+        lines = {"directions": [], "texels": [], "quality": [], "dice": [], "cache": []}
+        for directions in self.plan["scan"][name]:
+            other, other_s = self.bake(name, directions)
+            lines["directions"].append(self.point(name, other, other_s, file, directions))
+        for texels in [self.texels(name) // 2, self.texels(name)]:
+            other, other_s = self.bake(name, None, texels)
+            lines["texels"].append(self.point(name, other, other_s, file, texels))
+        for quality in QUALITIES:
+            other, _ = self.recode(file, "layered", quality)
+            lines["quality"].append(self.point(name, other, bake_s, file, quality))
+        for dice_px in DICE_PX:
+            lines["dice"].append(self.point(name, file, bake_s, file, dice_px, dice_px=dice_px))
+        for cache in CACHES:
+            lines["cache"].append(self.point(name, file, bake_s, file, cache, cache=cache))
+        pov = []
+        for rays in (1, 2, 5):
+            ms = [self.truth(name, view, rays)[1] for view in self.views(name)]
+            error = self.kept(f"error-pov-{name}-{rays}", lambda: self.difference(
+                name, lambda view: self.truth(name, view, SCENES[name]["truth"])[0],
+                lambda view: self.truth(name, view, rays)[0], file), file)
+            pov.append(dict(label=f"POV-Ray, {rays * rays} a pixel", still_ms=float(np.mean(ms)),
+                            rays=rays * rays, **error))
+        return dict(lines=lines, pov=pov, where=self.where_from(name, file))
+
+    def where_from(self, name, file):
+        """RMSE in codes between pictures that differ in one thing only; and against the truth."""
+        directions, texels = SCENES[name]["directions"], self.texels(name)
+        fewer, _ = self.bake(name, directions // 2)
+        coarser, _ = self.bake(name, None, texels // 2)
+        smaller, _ = self.recode(file, "layered", 60)
+
+        def between(key, other, options_a=(), options_b=()):
+            return self.kept(f"where-{key}-{file.stem}", lambda: self.difference(
+                name, lambda view: self.drawn(file, view, *options_a),
+                lambda view: self.drawn(other, view, *options_b), file), file, other)["rmse"]
+
+        return {
+            "all of it: against POV-Ray": self.error(name, file, file)["rmse"],
+            f"angular resolution: {directions} or {directions // 2} directions": between("directions", fewer),
+            f"texels: {texels} or {texels // 2}": between("texels", coarser),
+            "codec: quality 90 or 60": between("codec", smaller),
+            "resampling: diced to 8 or to 1": between("dice", file, (), ("--dice", 1)),
+        }
+
+    # ---- 2. The paper --------------------------------------------------------------------------------
+
+    def tables(self):
+        result = {}
+        for directions in (32, 16):
+            file, _ = self.bake("bottle", directions)
+            counts = self.kept(f"counts-{file.stem}", lambda: json.loads(output(
+                [BUILD / "report/frame", "counts", file, *PAPER_CACHES])), file)
+            bench = self.kept(f"bench-{file.stem}", lambda: self.bench(file), file)
+            result[f"bottle {directions}"] = dict(
+                counts=counts, warm_vs_uncompressed=bench["warm_vs_uncompressed"], **self.shiny(file))
+        cube, _ = self.base("cube")
+        result["motion"] = {str(n): self.kept(f"motion-{cube.stem}-{n}", lambda: json.loads(output(
+            [BUILD / "report/frame", "motion", cube, n, *PAPER_OFFSETS])), cube) for n in (64, 32, 16, 4)}
+        return result
+
+    def bench(self, file):
+        """What tests/bench/viewer says of a file, without the file's name in the keys."""
+        values = json.loads(output([BUILD / "bench/viewer", file]))
+        return {key.removesuffix("_" + file.stem): value for key, value in values.items()}
+
+    def quality_for_ratio(self, file, angular, ratio):
+        """The file of this ratio, to a few percent, by halving."""
+        low, high = 1.0, 100.0
+        for _ in range(7):
+            middle = round((low + high) / 2, 1)
+            other, _ = self.recode(file, angular, middle)
+            if self.shiny(other)["ratio"] > ratio:
+                low = middle
+            else:
+                high = middle
+        return other, middle
+
+    def figure_4(self):
+        file, _ = self.base("floor")
+        view = self.views("floor")[0]
+        flat = self.drawn(file, view)
+        result = dict(reference=str(flat), pictures=[])
+        for ratio in (11, 24, 36):
+            for angular in ("none", "layered"):
+                other, quality = self.quality_for_ratio(file, angular, ratio)
+                result["pictures"].append(dict(
+                    wanted=ratio, angular=angular, quality=quality, ratio=self.shiny(other)["ratio"],
+                    picture=str(self.drawn(other, view)),
+                    **self.kept(f"figure4-{other.stem}", lambda: self.difference(
+                        "floor", lambda v: self.drawn(file, v), lambda v: self.drawn(other, v), file), other)))
+        return result
+
+    def figure_6(self):
+        """The box at the quality where blocks by themselves are 17:1, and without identical ones."""
+        file, _ = self.base("box")
+        view = self.views("box")[0]
+        alone, quality = self.quality_for_ratio(file, "none", 17)
+        schemes = []
+        for angular in ("none", "identical", "motion", "layered"):
+            other, _ = self.recode(file, angular, quality)
+            schemes.append(dict(angular=angular, ratio=self.shiny(other)["ratio"],
+                                picture=str(self.drawn(other, view)), **self.error("box", other, file)))
+        return dict(quality=quality, schemes=schemes)
+
+    def figure_7(self):
+        file, _ = self.base("pond")
+        view, script = self.views("pond")[0], "tests/pond/gentle.ripples"
+        mesh, out = self.folder / "water.inc", self.picture("truth-ripples")
+        if not out.exists():
+            run(["make", "-s", "build/tests/pond/water_mesh"])
+            run([BUILD / "tests/pond/water_mesh", file, "water", script, mesh])
+            also = (f'#include "{mesh.resolve()}"\nobject {{ Water_Mesh translate 0.002*y pigment {{ rgb 0 }} '
+                    "finish { ambient 0 diffuse 0 reflection rgb <0.84, 0.92, 0.95> } }")
+            run(["tests/truth", "pond", view, SIZE, "3", out], also=also)
+        drawn = self.drawn(file, view, "--ripple-script", script)
+        flat = self.drawn(file, view)
+        mask = eroded(np.asarray(Image.open(self.mask("pond", file, view)).convert("L")) > 127)
+
+        def against(other):
+            return psnr(float(np.mean((pixels(out) - pixels(other))[mask] ** 2)))
+
+        return dict(truth=str(out), drawn=str(drawn), flat=str(flat), psnr=against(drawn), psnr_flat=against(flat))
+
+    def figure_8(self):
+        file, _ = self.base("pond")
+        out = self.folder / "pictures" / "cache-map.ppm"
+        counts = self.kept("figure8", lambda: json.loads(output(
+            [BUILD / "report/frame", "map", file, "tests/pond/gentle.ripples", out])), file)
+        Image.open(out).save(self.picture("cache-map"))
+        return dict(picture=str(self.picture("cache-map")), **counts)
+
+    # ---- 4. Growth -----------------------------------------------------------------------------------
+
+    def growth(self):
+        """A room in closed form: light fields of any size without a ray tracer."""
+        lines = {"directions": [], "texels": []}
+        wanted = [("directions", n, 64, n) for n in (4, 8, 16, 32, 64)]
+        wanted += [("texels", n, n, 16) for n in (16, 32, 64, 128, 256)]
+        for line, x, texels, directions in wanted:
+            file = self.folder / f"room-{texels}-{directions}.slf"
+            if not file.exists():
+                self.forget(f"make-{file.stem}")
+            made = self.kept(f"make-{file.stem}", lambda: dict(cpu_s=run(
+                [BUILD / "bench/room", texels, directions, 1, 85, file])))
+            clock = self.frame_time(file)
+            lines[line].append(dict(x=x, make_s=made["cpu_s"], **clock, **self.shiny(file),
+                                    file_nbytes=self.info(file)["file_nbytes"]))
+        return lines
+
+    # ---- All of it -----------------------------------------------------------------------------------
+
+    def stability(self):
+        """What the suites of tests/stability print for plots."""
+        suites = sorted(p.stem for p in pathlib.Path("tests/stability").glob("*.c"))
+        run(["make", "-s", *(f"build/tests/stability/{s}" for s in suites)])
+        figures = {}
+        for suite in suites:
+            text = output([BUILD / "tests/stability" / suite], CMOCKA_MESSAGE_OUTPUT="TAP")
+            for name, x, y in re.findall(r"^# figure: (\S+) (\S+) (\S+)$", text, re.M):
+                figures.setdefault(name, []).append([float(x), float(y)])
+        return figures
+
+    def everything(self):
+        result = dict(machine=machine(), quality=self.quality, size=SIZE, samples=SAMPLES)
+        result["scenes"] = self.scene_points()
+        if self.only == "scenes":
+            return result
+        result["stability"] = self.kept("stability", self.stability,
+                                        *pathlib.Path("tests/stability").glob("*.c"))
+        result["tables"] = self.tables()
+        result["figure_4"] = self.figure_4()
+        result["figure_6"] = self.figure_6()
+        result["figure_7"] = self.figure_7()
+        result["figure_8"] = self.figure_8()
+        result["growth"] = self.growth()
+        bench = BUILD / "bench.json"
+        result["bench"] = json.loads(bench.read_text()) if bench.exists() else {}
+        result["speed_against_error"] = {name: self.speed_against_error(name) for name in SCENES}
+        return result
+
+
+# ---- Programs --------------------------------------------------------------------------------------
+
+def run(command, **environment):
+    """Runs it and returns its processor time in seconds; its messages are shown if it fails."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    clean = {k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MFLAGS", "MAKELEVEL")}
+    done = subprocess.run([str(c) for c in command], env={**clean, **environment}, text=True,
+                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    if done.returncode != 0:
+        sys.exit(f"report: {' '.join(str(c) for c in command)}: exit {done.returncode}\n{done.stdout}")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def output(command, **environment):
+    done = subprocess.run([str(c) for c in command], env={**os.environ, **environment}, text=True,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    if done.returncode != 0:
+        sys.exit(f"report: {' '.join(str(c) for c in command)}: exit {done.returncode}\n{done.stderr}")
+    return done.stdout
+
+
+# ---- Pictures --------------------------------------------------------------------------------------
+
+def pixels(path):
+    return np.asarray(Image.open(path).convert("RGB")).astype(np.float64)
+
+
+def psnr(mse):
+    return float(10 * np.log10(255 ** 2 / max(mse, 1e-6)))
+
+
+def eroded(mask):
+    """Without the pixels at its edge, which mix two surfaces."""
+    inner = mask.copy()
+    for axis in (0, 1):
+        for step in (-1, 1):
+            inner &= np.roll(mask, step, axis)
+    inner[[0, -1], :] = inner[:, [0, -1]] = False
+    return inner
+
+
+def flip_map(a, b):
+    map_, _, _ = flip_evaluator.evaluate((a / 255).astype(np.float32), (b / 255).astype(np.float32), "LDR",
+                                         applyMagma=False, computeMeanError=False)
+    return np.asarray(map_)[..., 0]
+
+
+# ---- Machine ---------------------------------------------------------------------------------------
+
+def line_with(words, *command):
+    """The first line with these words that a program prints about itself."""
+    try:
+        done = subprocess.run(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    except OSError:
+        return "not found"
+    return next((line.strip() for line in done.stdout.splitlines() if words in line), "not found")
+
+
+def first_line(*command):
+    return line_with("", *command)
+
+
+def machine():
+    cpu = re.search(r"model name\s*: (.*)", pathlib.Path("/proc/cpuinfo").read_text())
+    return dict(date=time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime()),
+                processor=cpu.group(1) if cpu else platform.processor(), cores=os.cpu_count(),
+                system=platform.platform(), commit=first_line("git", "rev-parse", "--short", "HEAD"),
+                compiler=first_line("gcc", "--version"),
+                povray=line_with("Persistence of Vision", "povray", "--version"),
+                mesa=first_line("dpkg-query", "-W", "libosmesa6"),
+                python=platform.python_version(), numpy=np.__version__)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quality", choices=["preview", "paper"], default="preview")
+    parser.add_argument("--only", choices=["scenes"])
+    arguments = parser.parse_args()
+    report = Report(arguments.quality, arguments.only)
+    result = report.everything()
+    name = "scenes.json" if arguments.only else "report.json"
+    part = BUILD / "report" / (name + ".part")
+    part.write_text(json.dumps(result, indent=1))
+    part.rename(BUILD / "report" / name)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,295 @@
+/* The transform, the Huffman codes, the index; and the two kernels give the same bits. */
+#include "codec/file.h"
+#include "codec/kernel.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+static uint64_t random_state = 1;
+
+static uint32_t random_u32(void) { /* xorshift64* */
+  random_state ^= random_state >> 12;
+  random_state ^= random_state << 25;
+  random_state ^= random_state >> 27;
+  return (uint32_t)(random_state * 2685821657736338717u >> 32);
+}
+
+static const kernel *kernels[2];
+static int kernel_count;
+
+static int find_kernels(void **state) {
+  (void)state;
+  kernels[kernel_count++] = &kernel_plain;
+  if (kernel_choose() != &kernel_plain) kernels[kernel_count++] = kernel_choose();
+  print_message("  kernels: %s%s%s\n", kernels[0]->name, kernel_count > 1 ? ", " : "",
+                kernel_count > 1 ? kernels[1]->name : "");
+  return 0;
+}
+
+/* ---- Transform ----------------------------------------------------------------------------- */
+
+static double cosine(int x, int k) {
+  return (k ? 0.5 : sqrt(0.125)) * cos((2 * x + 1) * k * 3.14159265358979323846 / 16);
+}
+
+/* The definition, in double; coefficients [vertical][horizontal]. */
+static void exact_forward(const double texels[8][8], double c[8][8]) {
+  for (int v = 0; v < 8; v++)
+    for (int u = 0; u < 8; u++) {
+      c[v][u] = 0;
+      for (int y = 0; y < 8; y++)
+        for (int x = 0; x < 8; x++) c[v][u] += texels[y][x] * cosine(y, v) * cosine(x, u);
+    }
+}
+
+static void exact_inverse(const double c[8][8], double texels[8][8]) {
+  for (int y = 0; y < 8; y++)
+    for (int x = 0; x < 8; x++) {
+      texels[y][x] = 0;
+      for (int v = 0; v < 8; v++)
+        for (int u = 0; u < 8; u++) texels[y][x] += c[v][u] * cosine(y, v) * cosine(x, u);
+    }
+}
+
+static int clamp_nine_bits(double x) {
+  return (int)fmax(-256, fmin(255, floor(x + 0.5)));
+}
+
+/* IEEE 1180-1990: blocks of random texels, transformed and rounded; the inverse's error against
+ * that of double precision. */
+static void inverse_meets_ieee_1180(const kernel *k, int low, int high, int sign) {
+  enum { BLOCKS = 10000 };
+  double sum[64] = {0}, squares[64] = {0}, peak = 0;
+  for (int n = 0; n < BLOCKS; n++) {
+    double texels[8][8], c[8][8], truth[8][8];
+    float block[64];
+    for (int i = 0; i < 64; i++)
+      texels[i / 8][i % 8] = sign * (low + (int)(random_u32() % (uint32_t)(high - low + 1)));
+    exact_forward(texels, c);
+    for (int i = 0; i < 64; i++) {
+      c[i / 8][i % 8] = fmax(-2048, fmin(2047, floor(c[i / 8][i % 8] + 0.5)));
+      block[8 * (i % 8) + i / 8] = (float)c[i / 8][i % 8]; /* column-major */
+    }
+    exact_inverse(c, truth);
+    k->plain_inverse_dct(block);
+    for (int i = 0; i < 64; i++) {
+      double e = clamp_nine_bits(block[i]) - clamp_nine_bits(truth[i / 8][i % 8]);
+      sum[i] += e;
+      squares[i] += e * e;
+      peak = fmax(peak, fabs(e));
+    }
+  }
+  double all = 0, all_squares = 0;
+  for (int i = 0; i < 64; i++) {
+    assert_true(squares[i] / BLOCKS <= 0.06); /* these five limits are the standard's */
+    assert_true(fabs(sum[i]) / BLOCKS <= 0.015);
+    all += sum[i];
+    all_squares += squares[i];
+  }
+  assert_true(peak <= 1);
+  assert_true(all_squares / (64.0 * BLOCKS) <= 0.02);
+  assert_true(fabs(all) / (64.0 * BLOCKS) <= 0.0015);
+}
+
+static void inverse_transform_conforms(void **state) {
+  (void)state;
+  static const int ranges[3][2] = {{-256, 255}, {-5, 5}, {-300, 300}};
+  for (int k = 0; k < kernel_count; k++) {
+    for (int r = 0; r < 3; r++)
+      for (int sign = -1; sign <= 1; sign += 2)
+        inverse_meets_ieee_1180(kernels[k], ranges[r][0], ranges[r][1], sign);
+    float zeros[64] = {0};
+    kernels[k]->plain_inverse_dct(zeros);
+    for (int i = 0; i < 64; i++) assert_true(zeros[i] == 0);
+  }
+}
+
+static void forward_undoes_inverse(void **state) {
+  (void)state;
+  for (int k = 0; k < kernel_count; k++)
+    for (int n = 0; n < 1000; n++) {
+      float texels[64], c[64];
+      for (int i = 0; i < 64; i++) texels[i] = (float)(random_u32() % 4096);
+      kernels[k]->forward_dct(texels, c);
+      kernels[k]->plain_inverse_dct(c);
+      /* Some 100 rounded operations on numbers up to 8 * 4096: 2^-24 of that each. */
+      for (int i = 0; i < 64; i++) assert_true(fabsf(texels[i] - c[i]) < 0.2f);
+    }
+}
+
+static void kernels_transform_alike(void **state) {
+  (void)state;
+  if (kernel_count < 2) skip();
+  for (int n = 0; n < 20000; n++) {
+    /* From faint to far beyond what a file can ask for. */
+    union {
+      float channels[3][64], all[192];
+    } a, b;
+    float scale = exp2f((float)(n % 24) - 2);
+    for (int i = 0; i < 192; i++)
+      a.all[i] =
+          n % 7 == 0 && random_u32() % 4 ? 0 : ((float)random_u32() / 2147483648.0f - 1) * scale;
+    b = a;
+    uint8_t codes[2][SLF_BLOCK_NBYTES];
+    kernels[0]->channels_to_codes(a.channels, codes[0]);
+    kernels[1]->channels_to_codes(b.channels, codes[1]);
+    assert_memory_equal(codes[0], codes[1], SLF_BLOCK_NBYTES);
+    for (int c = 0; c < 3; c++) {
+      kernels[0]->inverse_dct(a.channels[c]);
+      kernels[1]->inverse_dct(b.channels[c]);
+    }
+    assert_memory_equal(&a, &b, sizeof a);
+    kernels[0]->forward_dct(a.channels[0], a.channels[1]);
+    kernels[1]->forward_dct(b.channels[0], b.channels[1]);
+    assert_memory_equal(a.channels[1], b.channels[1], sizeof a.channels[1]);
+  }
+}
+
+/* ---- Parsing ------------------------------------------------------------------------------- */
+
+/* Codes over symbols that a C-Block may have, with random weights. */
+static void random_codes(block_codes *codes) {
+  for (int code = 0; code < CODE_COUNT; code++) {
+    uint64_t counts[256] = {0};
+    int symbols = code == CODE_HEAD    ? PREDICTOR_COUNT * 8
+                  : code == CODE_SHIFT ? 32
+                  : code < CODE_AC     ? 16
+                                       : 256;
+    for (int s = 0; s < symbols; s++)
+      if (random_u32() % 4) counts[s] = 1u << random_u32() % 20;
+    counts[0]++;
+    huffman_build(counts, &codes->codes[code]);
+  }
+}
+
+/* Random bits are read alike, to the last one, and never beyond the padding (under ASan: the block
+ * of memory ends there). */
+static void kernels_parse_random_bits_alike(void **state) {
+  (void)state;
+  block_codes codes;
+  block_tables *tables = malloc(sizeof *tables);
+  for (int n = 0; n < 2000; n++) {
+    if (n % 50 == 0) {
+      random_codes(&codes);
+      block_tables_make(&codes, tables);
+    }
+    size_t nbytes = 1 + random_u32() % 60;
+    uint8_t *bytes = calloc(1, nbytes + STREAM_PAD_NBYTES);
+    for (size_t i = 0; i < nbytes; i++) bytes[i] = (uint8_t)random_u32();
+    block_stream stream = {bytes, nbytes + STREAM_PAD_NBYTES, 1};
+    entry_state states[2];
+    bit_reader readers[2];
+    memset(states, 0, sizeof states);
+    uint64_t begin = random_u32() % (8 * nbytes);
+    for (int k = 0; k < kernel_count; k++) {
+      entry_begin(&states[k]);
+      kernels[k]->begin(&readers[k], &stream, begin);
+    }
+    for (uint32_t block = 0; block < 8; block++) {
+      bool good[2] = {false};
+      for (int k = 0; k < kernel_count; k++)
+        good[k] = kernels[k]->parse(tables, &readers[k], block, block % 4 == 0, &states[k]);
+      if (kernel_count > 1) {
+        assert_int_equal(good[0], good[1]);
+        assert_memory_equal(&states[0], &states[1], sizeof states[0]);
+        assert_true(readers[0].bits == readers[1].bits && readers[0].count == readers[1].count);
+      }
+      if (!good[0]) break;
+    }
+    free(bytes);
+  }
+  free(tables);
+}
+
+/* ---- Huffman codes ------------------------------------------------------------------------- */
+
+static void codes_come_back(void **state) {
+  (void)state;
+  for (int n = 0; n < 500; n++) {
+    uint64_t counts[256] = {0};
+    int used = 1 + (int)(random_u32() % 256);
+    /* Powers of two without limit make the longest codes: 16 bits must hold. */
+    for (int i = 0; i < used; i++) counts[random_u32() % 256] = 1ull << random_u32() % 60;
+    huffman_code code, again;
+    huffman_encoder encoder;
+    huffman_decoder decoder;
+    huffman_build(counts, &code);
+    uint8_t bytes[HUFFMAN_MAX_NBYTES];
+    size_t nbytes = huffman_put(&code, bytes);
+    assert_int_equal(huffman_get(bytes, nbytes, &again), nbytes);
+    for (size_t less = 0; less < nbytes; less++)
+      assert_int_equal(huffman_get(bytes, less, &again), 0);
+    huffman_get(bytes, nbytes, &again);
+    huffman_make_encoder(&code, &encoder);
+    huffman_make_decoder(&again, &decoder);
+    for (int s = 0; s < 256; s++) {
+      assert_int_equal(encoder.bits[s] > 0, counts[s] > 0);
+      if (!counts[s]) continue;
+      unsigned bits, found = huffman_read(
+                         &decoder, 1, (uint32_t)encoder.codes[s] << (16 - encoder.bits[s]), &bits);
+      assert_int_equal(found, s);
+      assert_int_equal(bits, encoder.bits[s]);
+    }
+  }
+}
+
+static void impossible_codes_are_refused(void **state) {
+  (void)state;
+  huffman_code code;
+  uint8_t three_of_one_bit[19] = {3, [16] = 1, 2, 3}, none[16] = {0}, twice[18] = {2, [16] = 5, 5};
+  assert_int_equal(huffman_get(three_of_one_bit, 19, &code), 0);
+  assert_int_equal(huffman_get(none, 16, &code), 0);
+  assert_int_equal(huffman_get(twice, 18, &code), 0);
+}
+
+/* ---- The index ----------------------------------------------------------------------------- */
+
+static void entries_are_found(void **state) {
+  (void)state;
+  for (int n = 0; n < 30; n++) {
+    stream_writer writer = {0};
+    uint64_t lengths[600], count = 1 + random_u32() % 600;
+    uint32_t longest = 1u << random_u32() % 12;
+    for (uint64_t i = 0; i < count; i++) {
+      bit_string entry = {0};
+      lengths[i] = 16 + random_u32() % longest;
+      bits_put(&entry, (uint32_t)(i + 1) & 0xffff, 16);
+      for (uint64_t k = 16; k < lengths[i]; k++) bits_put(&entry, random_u32() & 1, 1);
+      stream_put(&writer, &entry);
+      bits_free(&entry);
+    }
+    uint8_t *bytes;
+    uint64_t nbytes;
+    slf_error error;
+    assert_int_equal(stream_finish(&writer, &bytes, &nbytes, &error), SLF_OK);
+    stream_writer_free(&writer);
+    block_stream stream = {bytes, nbytes, count};
+    for (int k = 0; k < kernel_count; k++) {
+      assert_int_equal(kernels[k]->check_stream(&stream, "test", &error), SLF_OK);
+      for (uint64_t i = 0; i < count; i++) {
+        uint64_t bit = kernels[k]->find(&stream, i);
+        uint32_t window =
+            (uint32_t)bytes[bit / 8] << 16 | (uint32_t)bytes[bit / 8 + 1] << 8 | bytes[bit / 8 + 2];
+        assert_int_equal(window >> (8 - bit % 8) & 0xffff, i + 1);
+      }
+    }
+    free(bytes);
+  }
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(inverse_transform_conforms),
+                                     cmocka_unit_test(forward_undoes_inverse),
+                                     cmocka_unit_test(kernels_transform_alike),
+                                     cmocka_unit_test(kernels_parse_random_bits_alike),
+                                     cmocka_unit_test(codes_come_back),
+                                     cmocka_unit_test(impossible_codes_are_refused),
+                                     cmocka_unit_test(entries_are_found)};
+  return cmocka_run_group_tests_name("codec_kernel", tests, find_kernels, NULL);
+}
