@@ -13,7 +13,7 @@
 #include "viewer/block_cache.h"
 #include "viewer/texture.h"
 
-enum { ROUNDS = 9 };
+enum { ROUNDS = 5 };
 
 /* Of the thread: what else runs on the machine does not count. */
 static double now_s(void) {
