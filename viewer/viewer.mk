@@ -28,6 +28,17 @@ $(OUT)/bench/pond: $(OBJ)/tests/bench/pond.o $(filter-out %/slfview.o,$(VIEWER_O
 	@mkdir -p $(@D)
 	$(call say,link,$@)$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lpng -ldl -lm -o $@
 
+# The pond at about 10:1 and 20:1 of 128 and of 256 texels.
+POND_BENCH := $(addprefix $(OUT)/bench/room-,128-10.slf 128-20.slf 256-10.slf 256-20.slf)
+$(OUT)/bench/room-128-10.slf: ROOM = 128 32 2 73
+$(OUT)/bench/room-128-20.slf: ROOM = 128 32 2 64
+$(OUT)/bench/room-256-10.slf: ROOM = 256 32 2 79
+$(OUT)/bench/room-256-20.slf: ROOM = 256 32 2 68
+$(POND_BENCH): $(OUT)/bench/room
+	$(call say,make,$@)$< $(ROOM) $@
+$(OUT)/bench/pond.json: $(OUT)/bench/pond $(POND_BENCH)
+	$(call say,measure,$@)$< $(POND_BENCH) > $@.part && mv $@.part $@
+
 # Programs of tests/bench: they link what the unit tests link.
 $(OUT)/bench/%: $(OBJ)/tests/bench/%.o $(VIEWER_CORE_OBJECTS) $(LIBSLF)
 	@mkdir -p $(@D)
