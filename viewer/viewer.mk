@@ -19,6 +19,9 @@ $(OUT)/slfview: $(VIEWER_OBJECTS) $(LIBSLF)
 
 all: $(OUT)/slfview
 
+view: bake $(OUT)/slfview ## Open SCENE, baked first where needed
+	$(OUT)/slfview build/$(NAME).slf
+
 demo: all ## Bake the pond at preview size and show it; without a display, film it to build/demo
 	$(MAKE) --no-print-directory bake SCENE=pond
 	@viewer/demo $(OUT)/slfview build/pond.slf
