@@ -3,7 +3,7 @@
 VIEWER_CORE_OBJECTS := $(addprefix $(OBJ)/viewer/,uv_mesh.o block_cache.o resample.o texture.o mipmap.o \
   camera.o path.o ripple.o ripple_script.o water.o pick.o)
 VIEWER_OBJECTS := $(VIEWER_CORE_OBJECTS) $(addprefix $(OBJ)/viewer/,gl_api.o context.o context_egl.o \
-  context_osmesa.o checked_file.o draw.o overlay.o maps.o truth.o image.o window.o water_input.o slfview.o)
+  context_osmesa.o checked_file.o draw.o overlay.o maps.o truth.o video.o image.o window.o water_input.o slfview.o)
 
 # sqrtf becomes a vector instruction when it need not set errno, a conditional division a blend when
 # it need not trap. Neither changes a value.
