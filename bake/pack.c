@@ -29,6 +29,8 @@ typedef struct {
   uint32_t *place; /* s_count x t_count: place of a slice among those that exist */
   image *chunk;
   uint32_t chunk_index;
+  uint8_t *first; /* displayed codes of the slice read first, to see whether any other differs */
+  bool varies;
 } slice_reader;
 
 static void open_chunk(slice_reader *reader, uint32_t chunk_index) {
@@ -44,6 +46,17 @@ static void open_chunk(slice_reader *reader, uint32_t chunk_index) {
   free(path);
 }
 
+/* A surface looks the same from everywhere if no displayed code changes by more than one. */
+static void watch_variation(slice_reader *reader, const float *rgb) {
+  size_t count = (size_t)reader->self->u_count * reader->self->v_count * 3;
+  if (!reader->first) {
+    reader->first = allocate(count, 1, reader->self->name);
+    for (size_t i = 0; i < count; i++) reader->first[i] = slf_srgb_from_linear(rgb[i]);
+  }
+  for (size_t i = 0; i < count && !reader->varies; i++)
+    reader->varies = abs(reader->first[i] - slf_srgb_from_linear(rgb[i])) > 1;
+}
+
 static slf_result read_slice(void *context, uint32_t s, uint32_t t, float *rgb, slf_error *error) {
   (void)error;
   slice_reader *reader = context;
@@ -52,6 +65,7 @@ static slf_result read_slice(void *context, uint32_t s, uint32_t t, float *rgb, 
   open_chunk(reader, place / reader->slices_per_chunk);
   image_read_rows(reader->chunk, "RGB", place % reader->slices_per_chunk * self->v_count,
                   self->v_count, rgb);
+  if (!reader->varies) watch_variation(reader, rgb);
   return SLF_OK;
 }
 
@@ -116,7 +130,7 @@ static void write_layer(const char *folder, const surface *self, uint32_t rays) 
             self->name, hole_count, self->u_count * self->v_count);
   slf_source source = {.read_slice = read_slice, .context = &reader};
   slf_layer_options options = {.role = SLF_ROLE_FULL,
-                               .curve = SLF_CURVE_SRGB,
+                               .curve = self->hdr ? SLF_CURVE_DWA : SLF_CURVE_SRGB,
                                .angular = SLF_ANGULAR_NONE,
                                .u_count = self->u_count,
                                .v_count = self->v_count,
@@ -124,7 +138,13 @@ static void write_layer(const char *folder, const surface *self, uint32_t rays) 
                                .t_count = self->t_count,
                                .quality = 90};
   check(slf_writer_add_layer(writer, &options, &source, &error), &error);
+  if (self->s_count * self->t_count > 1 && !reader.varies)
+    fprintf(stderr,
+            "bake: surface '%s': has %ux%u directions, and looks the same from all: Slf_Matte "
+            "would do\n",
+            self->name, self->s_count, self->t_count);
   image_close(reader.chunk);
+  free(reader.first);
   free(reader.place);
 }
 
