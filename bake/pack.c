@@ -33,6 +33,8 @@ typedef struct {
   image *chunk;
   uint32_t chunk_index;
   uint32_t part, part_count; /* of a slice: which is read, of how many */
+  uint8_t *first; /* displayed codes of the slice read first, to see whether any other differs */
+  bool varies;
 } slice_reader;
 
 static void open_chunk(slice_reader *reader, uint32_t chunk_index) {
@@ -48,6 +50,17 @@ static void open_chunk(slice_reader *reader, uint32_t chunk_index) {
   free(path);
 }
 
+/* A surface looks the same from everywhere if no displayed code changes by more than one. */
+static void watch_variation(slice_reader *reader, const float *rgb) {
+  size_t count = (size_t)reader->self->u_count * reader->self->v_count * 3;
+  if (!reader->first) {
+    reader->first = allocate(count, 1, reader->self->name);
+    for (size_t i = 0; i < count; i++) reader->first[i] = slf_srgb_from_linear(rgb[i]);
+  }
+  for (size_t i = 0; i < count && !reader->varies; i++)
+    reader->varies = abs(reader->first[i] - slf_srgb_from_linear(rgb[i])) > 1;
+}
+
 static slf_result read_slice(void *context, uint32_t s, uint32_t t, float *rgb, slf_error *error) {
   (void)error;
   slice_reader *reader = context;
@@ -59,6 +72,7 @@ static slf_result read_slice(void *context, uint32_t s, uint32_t t, float *rgb, 
   if (reader->part == PART_HEIGHT)
     for (size_t i = 0; i < (size_t)self->u_count * self->v_count * 3; i++)
       rgb[i] = slf_linear_from_srgb(slf_code_from_height(rgb[i], (float)self->layers));
+  if (!reader->varies) watch_variation(reader, rgb);
   return SLF_OK;
 }
 
@@ -130,8 +144,9 @@ static void write_layer(const char *folder, const surface *self, uint32_t rays, 
                             ? open_slices(folder, self, rays, 0, 1)
                             : open_slices(folder, self, rays, role - SLF_ROLE_OWN, PART_COUNT);
   slf_source source = {.read_slice = read_slice, .context = &reader};
+  bool hdr = self->hdr && role != SLF_ROLE_HEIGHT;
   slf_layer_options options = {.role = role,
-                               .curve = SLF_CURVE_SRGB,
+                               .curve = hdr ? SLF_CURVE_DWA : SLF_CURVE_SRGB,
                                .angular = SLF_ANGULAR_NONE,
                                .u_count = self->u_count,
                                .v_count = self->v_count,
@@ -140,7 +155,13 @@ static void write_layer(const char *folder, const surface *self, uint32_t rays, 
                                .quality = 90,
                                .height_unit = role == SLF_ROLE_HEIGHT ? (float)self->layers : 0};
   check(slf_writer_add_layer(writer, &options, &source, &error), &error);
+  if (role == SLF_ROLE_FULL && self->s_count * self->t_count > 1 && !reader.varies)
+    fprintf(stderr,
+            "bake: surface '%s': has %ux%u directions, and looks the same from all: Slf_Matte "
+            "would do\n",
+            self->name, self->s_count, self->t_count);
   image_close(reader.chunk);
+  free(reader.first);
   free(reader.place);
 }
 

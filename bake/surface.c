@@ -95,6 +95,10 @@ static scene *read_description(const char *path) {
       surface *water = (surface *)scene_find(self, word);
       if (!water) fail("%s: Slf_Water: no surface is called '%s'", path, word);
       water->flags |= SLF_SURFACE_WATER;
+    } else if (!strcmp(word, "hdr") && fscanf(file, "%63s", word) == 1) {
+      surface *bright = (surface *)scene_find(self, word);
+      if (!bright) fail("%s: Slf_Hdr: no surface is called '%s'", path, word);
+      bright->hdr = true;
     } else if (!strcmp(word, "radiosity")) {
       self->radiosity = true;
     } else if (!strcmp(word, "photons")) {

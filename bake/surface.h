@@ -9,6 +9,7 @@
  *   POSITION NORMAL TANGENT_U TANGENT_V U V
  *   radiosity, photons                   (only if the light pass is to fill their caches)
  *   water NAME
+ *   hdr NAME
  *   background R G B
  * A chunk is what one run of POV-Ray renders: a few slices of one surface. */
 #ifndef BAKE_SURFACE_H
@@ -23,6 +24,7 @@ typedef struct {
   char name[SLF_NAME_NBYTES];
   uint32_t u_count, v_count; /* texels */
   uint32_t s_count, t_count; /* directions; 1 x 1: matte; 0 x 0: not chosen yet */
+  bool hdr;                  /* radiance above 1 is kept */
   double auto_error; /* what the choice of directions may cost (choose.c); 0: they are given */
   uint32_t flags;    /* SLF_SURFACE_... */
   double layers;     /* 0: one layer; else about how far away what it reflects is (layers.c) */

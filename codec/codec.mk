@@ -22,18 +22,51 @@ endif
 $(LIBSLF): $(LIBSLF_OBJECTS)
 	$(call say,archive,$@)rm -f $@ && $(AR) crs $@ $^
 
-$(OBJ)/codec/slf_command.o: PKG_CFLAGS = $(shell pkg-config --cflags libpng)
-$(SLF): $(OBJ)/codec/slf_command.o $(LIBSLF)
-	$(call say,link,$@)$(CC) $(ALL_LDFLAGS) $^ $(shell pkg-config --libs libpng) -lm -o $@
+$(OBJ)/codec/slf_command.o $(OBJ)/codec/jpeg_slice.o: PKG_CFLAGS = $(shell pkg-config --cflags libpng libjpeg)
+$(SLF): $(OBJ)/codec/slf_command.o $(OBJ)/codec/jpeg_slice.o $(LIBSLF)
+	$(call say,link,$@)$(CC) $(ALL_LDFLAGS) $^ $(shell pkg-config --libs libpng libjpeg) -lm -o $@
 
-all: $(LIBSLF) $(SLF)
+# The interface's version is the soname's; the library's own is slf_version().
+SOVERSION := 1
+LIBSLF_VERSION := $(shell sed -n 's/^  return "\([0-9.]*\)";$$/\1/p' codec/format.c)
+LIBSLF_SO := $(OUT)/libslf.so.$(LIBSLF_VERSION)
+$(LIBSLF_SO): $(LIBSLF_OBJECTS)
+	$(call say,link,$@)$(CC) -shared $(ALL_LDFLAGS) -Wl,-soname,libslf.so.$(SOVERSION) -Wl,--no-undefined $^ -lm -o $@
+
+all: $(LIBSLF) $(LIBSLF_SO) $(SLF)
+
+.PHONY: install-codec
+install-codec: $(LIBSLF) $(LIBSLF_SO) $(SLF)
+	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/include $(DESTDIR)$(PREFIX)/lib/pkgconfig \
+	  $(DESTDIR)$(PREFIX)/share/man/man1
+	install -m 755 $(SLF) $(DESTDIR)$(PREFIX)/bin
+	install -m 644 codec/slf.h $(DESTDIR)$(PREFIX)/include
+	install -m 644 $(LIBSLF) $(DESTDIR)$(PREFIX)/lib
+	install -m 755 $(LIBSLF_SO) $(DESTDIR)$(PREFIX)/lib
+	ln -sf $(notdir $(LIBSLF_SO)) $(DESTDIR)$(PREFIX)/lib/libslf.so.$(SOVERSION)
+	ln -sf libslf.so.$(SOVERSION) $(DESTDIR)$(PREFIX)/lib/libslf.so
+	install -m 644 codec/slf.1 $(DESTDIR)$(PREFIX)/share/man/man1
+	printf '%s\n' 'Name: slf' 'Description: Surface light fields, compressed in blocks' \
+	  'Version: $(LIBSLF_VERSION)' 'Cflags: -I$(PREFIX)/include' 'Libs: -L$(PREFIX)/lib -lslf' \
+	  'Libs.private: -lm -pthread' > $(DESTDIR)$(PREFIX)/lib/pkgconfig/slf.pc
+
+# Its numbers go to build/bench/codec.json; it bakes what it measures.
+CODEC_BENCH := $(OUT)/bench/codec
+$(OBJ)/tests/bench/codec.o: PKG_CFLAGS = $(shell pkg-config --cflags libjpeg OpenEXR)
+$(CODEC_BENCH): $(OBJ)/tests/bench/codec.o $(OBJ)/tests/bench/synthetic.o \
+  $(addprefix $(OBJ)/bake/,surface.o sample.o image.o fail.o) $(LIBSLF)
+	@mkdir -p $(@D)
+	$(call say,link,$@)$(CC) $^ -o $@ $(ALL_LDFLAGS) $(shell pkg-config --libs libjpeg OpenEXR) -lm
+.PHONY: bench-codec
+bench-codec: $(CODEC_BENCH)
+	@tests/bench/codec.sh
 
 # libFuzzer's targets: the library and one tests/fuzz/NAME.c, by clang, sanitized.
 FUZZ_TARGETS := open blocks round_trip
 FUZZ_SECONDS ?= 60
 FUZZ_CFLAGS := -std=c11 -D_GNU_SOURCE -O1 -g -ffp-contract=off -pthread -I. \
   -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=all
-FUZZ_SOURCES := $(filter-out codec/slf_command.c codec/image.c codec/command_%,$(wildcard codec/*.c))
+FUZZ_SOURCES := $(filter-out codec/slf_command.c codec/image.c codec/jpeg_slice.c,$(wildcard codec/*.c))
 
 .PHONY: fuzz fuzz-targets
 fuzz-targets: $(FUZZ_TARGETS:%=build/fuzz/%)

@@ -825,7 +825,12 @@ static slf_result encode_streams(layer_encoder *e, encoded_layer *encoded, slf_e
   double peak = e->layer.public.curve == SLF_CURVE_DWA ? DWA_SCALE : 255; /* of white */
   double mean = (double)e->squared_error / (double)e->layer.public.raw_nbytes;
   e->layer.public.psnr = (float)(10 * log10(peak * peak / fmax(mean, 1e-9)));
-  return put_header(&e->layer, encoded, e->name, error);
+  result = put_header(&e->layer, encoded, e->name, error);
+  uint64_t stored = encoded->header.nbytes;
+  for (int kind = 0; kind < STREAM_COUNT; kind++) stored += encoded->streams[kind].nbytes;
+  encoded->psnr = e->layer.public.psnr;
+  encoded->ratio = (double)e->layer.public.raw_nbytes / (double)stored;
+  return result;
 }
 
 slf_result encode_layer(const slf_layer_options *options, const slf_source *source,

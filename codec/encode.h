@@ -11,6 +11,7 @@ typedef struct {
 
 typedef struct {
   encoded_stream header, streams[STREAM_COUNT]; /* bytes NULL: the layer has none */
+  double psnr, ratio;
 } encoded_layer;
 
 /* `name` is for messages. On failure *encoded holds nothing. */

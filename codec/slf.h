@@ -27,6 +27,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 enum {
   SLF_BLOCK_SIDE = 8,       /* texels along a side of a block */
@@ -228,6 +229,8 @@ typedef struct {
   uint32_t u_count, v_count, s_count, t_count;
   float quality;         /* 1 (small) .. 100 (exact to about a code value) */
   float height_unit;     /* of SLF_ROLE_HEIGHT, scene units, above 0; else 0 */
+  float target_psnr;     /* above 0: the quality is searched for; dB, as slf_layer's psnr */
+  float target_ratio;    /* above 0: likewise, of raw_nbytes to what is stored */
   uint32_t thread_count; /* 0: as many as there are processors */
 } slf_layer_options;
 
@@ -248,6 +251,7 @@ void slf_writer_abort(slf_writer *writer);
 
 const char *slf_version(void); /* "major.minor.patch" of the library */
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

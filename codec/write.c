@@ -189,6 +189,34 @@ slf_result slf_writer_add_surface(slf_writer *writer, const slf_surface *surface
   return result;
 }
 
+/* Encodes until the target is met to 0.02 dB or 0.2 %, or the qualities end. PSNR and the logarithm
+ * of the ratio are nearly straight lines over quality, so secants find it in a few turns. */
+static slf_result encode_for_target(const slf_layer_options *options, const slf_source *source,
+                                    const char *name, encoded_layer *encoded, slf_error *error) {
+  enum { TURNS = 8 };
+  bool by_ratio = options->target_ratio > 0;
+  double target = by_ratio ? log(options->target_ratio) : options->target_psnr;
+  double tolerance = by_ratio ? 0.002 : 0.02, slope = by_ratio ? -0.09 : 0.6;
+  double quality = 75, before = 0, value_before = 0;
+  for (int turn = 0;; turn++) {
+    slf_layer_options o = *options;
+    o.quality = (float)quality;
+    slf_result result = encode_layer(&o, source, name, encoded, error);
+    if (result != SLF_OK) return result;
+    double value = by_ratio ? log(encoded->ratio) : encoded->psnr;
+    double missing = target - value;
+    if (turn && fabs(quality - before) > 1e-3 && fabs(value - value_before) > 1e-4)
+      slope = (value - value_before) / (quality - before);
+    double next = fmax(1, fmin(100, quality + missing / slope));
+    if (fabs(missing) <= tolerance || turn + 1 == TURNS || fabs(next - quality) < 1e-3)
+      return SLF_OK;
+    encoded_layer_free(encoded);
+    before = quality;
+    value_before = value;
+    quality = next;
+  }
+}
+
 slf_result slf_writer_add_layer(slf_writer *writer, const slf_layer_options *options,
                                 const slf_source *source, slf_error *error) {
   written_surface *surface =
@@ -199,7 +227,9 @@ slf_result slf_writer_add_layer(slf_writer *writer, const slf_layer_options *opt
   char name[256];
   snprintf(name, sizeof name, "%s: %s", writer->path, surface->name);
   encoded_layer encoded;
-  slf_result result = encode_layer(options, source, name, &encoded, error);
+  bool searches = options->target_psnr > 0 || options->target_ratio > 0;
+  slf_result result = searches ? encode_for_target(options, source, name, &encoded, error)
+                               : encode_layer(options, source, name, &encoded, error);
   if (result != SLF_OK) return result;
   uint32_t layer = surface->layer_count, chunk_count = writer->chunk_count;
   result = add_chunk(writer, CHUNK_LAYER, layer, &encoded.header, error);

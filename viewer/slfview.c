@@ -11,6 +11,7 @@
 #include "draw.h"
 #include "image.h"
 #include "path.h"
+#include "video.h"
 #include "window.h"
 
 enum { EXIT_USAGE = 2, BACKEND_AUTO = BACKEND_COUNT };
@@ -39,7 +40,7 @@ static const char help[] =
     "                      red and green are the slopes along u and v, 0.5 for none\n"
     "  --fresnel           water over a tinted bottom instead of a pure mirror\n"
     "  --frames N          N pictures of moving water; the name in --output then holds a %d or\n"
-    "                      %04d, which becomes 0 to N-1\n"
+    "                      %04d, which becomes 0 to N-1, or is a video's: .mp4 .mkv .webm .gif\n"
     "  --fps F             such pictures a second of water time (default 30)\n"
     "  --mask SURFACE      paint that surface white and everything else black\n"
     "  --mix NAME          depth (default): reflections that know how far away things are are "
@@ -326,9 +327,9 @@ static int read_options(int argc, char **argv, options *o) {
     return misuse("backend", backend_names[o->backend], "glfw, or --output FILE.png");
   const char *end;
   if ((o->frame_count > 0 || (o->path_file && o->output)) &&
-      (!o->output || !frame_number(o->output, &end)))
+      (!o->output || !(frame_number(o->output, &end) || video_is_name(o->output))))
     return misuse("output", o->output ? o->output : "",
-                  "a name with one %d or %04d for --frames and --path");
+                  "a name with one %d or %04d, or .mp4 .mkv .webm .gif, for --frames and --path");
   if (o->mask && !o->output) return misuse("mask", o->mask, "--output FILE.png beside it");
   return 0;
 }
@@ -423,13 +424,36 @@ typedef struct {
   uint8_t *rgba, *reduced;
 } picture;
 
-static slf_result write_picture(const options *o, const slf_view *view, drawing *d, int mask,
-                                const picture *p, const char *path, slf_error *error) {
+/* Draws a picture into p->reduced. */
+static slf_result make_picture(const options *o, const slf_view *view, drawing *d, int mask,
+                               const picture *p, slf_error *error) {
   const slf_result result =
       drawing_render(d, view, o->width_px * o->samples, o->height_px * o->samples, mask, error);
   if (result != SLF_OK) return result;
   drawing_read(d, p->rgba);
   image_reduce(p->rgba, o->width_px, o->height_px, o->samples, p->reduced);
+  return SLF_OK;
+}
+
+static slf_result write_picture(const options *o, const slf_view *view, drawing *d, int mask,
+                                const picture *p, slf_error *error) {
+  const slf_result result = make_picture(o, view, d, mask, p, error);
+  if (result != SLF_OK) return result;
+  return image_write_png(o->output, p->reduced, o->width_px, o->height_px, error);
+}
+
+/* Writes picture i of several under its own name. */
+static slf_result write_numbered(const options *o, int i, const picture *p, slf_error *error) {
+  const char *end, *number = frame_number(o->output, &end);
+  const int digits = number[1] == 'd' ? 1 : atoi(number + 1);
+  char path[4096];
+  const int length = snprintf(path, sizeof path, "%.*s%0*d%s", (int)(number - o->output), o->output,
+                              digits, i, end);
+  if (length < 0 || (size_t)length >= sizeof path) {
+    snprintf(error->message, sizeof error->message, "--output: longer than %zu characters",
+             sizeof path - 1);
+    return SLF_ERROR_ARGUMENT;
+  }
   return image_write_png(path, p->reduced, o->width_px, o->height_px, error);
 }
 
@@ -442,23 +466,20 @@ static int picture_count(const options *o, const camera_path *flight) {
 static slf_result write_frames(const options *o, const slf_file *file, const slf_view *view,
                                const camera_path *flight, drawing *d, int mask, const picture *p,
                                slf_error *error) {
-  const char *end, *number = frame_number(o->output, &end);
-  const int digits = number[1] == 'd' ? 1 : atoi(number + 1);
-  char path[4096];
+  video *film = NULL;
   slf_result result = SLF_OK;
+  if (video_is_name(o->output))
+    result = video_start(o->output, o->width_px, o->height_px, o->frames_per_s, &film, error);
   const int count = picture_count(o, flight);
   for (int i = 0; i < count && result == SLF_OK; i++) {
-    const int length = snprintf(path, sizeof path, "%.*s%0*d%s", (int)(number - o->output),
-                                o->output, digits, i, end);
-    if (length < 0 || (size_t)length >= sizeof path) {
-      snprintf(error->message, sizeof error->message, "--output: longer than %zu characters",
-               sizeof path - 1);
-      return SLF_ERROR_ARGUMENT;
-    }
-    result = move_water(file, d, i / o->frames_per_s, error);
     const slf_view at = flight->count ? path_at(flight, i / o->frames_per_s) : *view;
-    if (result == SLF_OK) result = write_picture(o, &at, d, mask, p, path, error);
+    result = move_water(file, d, i / o->frames_per_s, error);
+    if (result == SLF_OK) result = make_picture(o, &at, d, mask, p, error);
+    if (result == SLF_OK)
+      result = film ? video_add(film, p->reduced, error) : write_numbered(o, i, p, error);
   }
+  if (film && result == SLF_OK) return video_finish(film, error);
+  video_abort(film);
   return result;
 }
 
@@ -540,7 +561,7 @@ static slf_result write_pictures(const options *o, const slf_file *file, const s
     result = write_frames(o, file, view, &flight, d, mask, &p, error);
   } else {
     result = move_water(file, d, script ? ripple_script_end_s(script) : 0, error);
-    if (result == SLF_OK) result = write_picture(o, view, d, mask, &p, o->output, error);
+    if (result == SLF_OK) result = write_picture(o, view, d, mask, &p, error);
   }
 done:
   path_clear(&flight);

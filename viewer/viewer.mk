@@ -3,7 +3,7 @@
 VIEWER_CORE_OBJECTS := $(addprefix $(OBJ)/viewer/,uv_mesh.o block_cache.o resample.o depth_mix.o texture.o mipmap.o \
   camera.o path.o ripple.o ripple_script.o water.o pick.o)
 VIEWER_OBJECTS := $(VIEWER_CORE_OBJECTS) $(addprefix $(OBJ)/viewer/,gl_api.o context.o context_egl.o \
-  context_osmesa.o checked_file.o draw.o overlay.o maps.o truth.o image.o window.o water_input.o slfview.o)
+  context_osmesa.o checked_file.o draw.o overlay.o maps.o truth.o video.o image.o window.o water_input.o slfview.o)
 
 # sqrtf becomes a vector instruction when it need not set errno, a conditional division a blend when
 # it need not trap. Neither changes a value.
@@ -19,6 +19,9 @@ $(OUT)/slfview: $(VIEWER_OBJECTS) $(LIBSLF)
 
 all: $(OUT)/slfview
 
+view: bake $(OUT)/slfview ## Open SCENE, baked first where needed
+	$(OUT)/slfview build/$(NAME).slf
+
 demo: all ## Bake the pond at preview size and show it; without a display, film it to build/demo
 	$(MAKE) --no-print-directory bake SCENE=pond
 	@viewer/demo $(OUT)/slfview build/pond.slf
@@ -27,6 +30,17 @@ demo: all ## Bake the pond at preview size and show it; without a display, film 
 $(OUT)/bench/pond: $(OBJ)/tests/bench/pond.o $(filter-out %/slfview.o,$(VIEWER_OBJECTS)) $(LIBSLF)
 	@mkdir -p $(@D)
 	$(call say,link,$@)$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lpng -ldl -lm -o $@
+
+# The pond at about 10:1 and 20:1 of 128 and of 256 texels.
+POND_BENCH := $(addprefix $(OUT)/bench/room-,128-10.slf 128-20.slf 256-10.slf 256-20.slf)
+$(OUT)/bench/room-128-10.slf: ROOM = 128 32 2 73
+$(OUT)/bench/room-128-20.slf: ROOM = 128 32 2 64
+$(OUT)/bench/room-256-10.slf: ROOM = 256 32 2 79
+$(OUT)/bench/room-256-20.slf: ROOM = 256 32 2 68
+$(POND_BENCH): $(OUT)/bench/room
+	$(call say,make,$@)$< $(ROOM) $@
+$(OUT)/bench/pond.json: $(OUT)/bench/pond $(POND_BENCH)
+	$(call say,measure,$@)$< $(POND_BENCH) > $@.part && mv $@.part $@
 
 # Programs of tests/bench: they link what the unit tests link.
 $(OUT)/bench/%: $(OBJ)/tests/bench/%.o $(VIEWER_CORE_OBJECTS) $(LIBSLF)

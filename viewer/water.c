@@ -202,9 +202,9 @@ slf_result water_create(const slf_file *file, uint32_t surface_index, uint32_t u
   w->rectangle = r;
   w->u_count = u_count;
   w->v_count = v_count;
-  w->bottom[0] = 0.010f;
-  w->bottom[1] = 0.045f;
-  w->bottom[2] = 0.060f;
+  w->bottom[0] = 0.05f;
+  w->bottom[1] = 0.20f;
+  w->bottom[2] = 0.22f;
   for (int i = 0; i < 256; i++)
     w->half_of_code[i] = half_from_float(slf_linear_from_srgb((uint8_t)i));
   if (!allocate(w)) goto out_of_memory;

@@ -11,4 +11,5 @@ camera { location <0, 2, -5> look_at <0, 0.5, 0> }
 
 Slf_Quad("floor", <-2, 0, -2>, 4*z, 4*x, <16, 16>, <4, 4>)
 Slf_Sphere("ball", <0, 1, 0>, 0.6, <16, 16>, Slf_Matte)
+#ifdef (Hdr) Slf_Hdr("floor") #end
 Slf_Quad("wall", <2, 0, 2>, -4*x, 3*y, <24, 16>, Slf_Matte)
