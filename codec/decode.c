@@ -133,30 +133,43 @@ static void decode_base(const layer_state *layer, uint64_t place, fine_block fin
   memcpy(fine, get_base(layer, place, &scratch), sizeof(fine_block));
 }
 
-static void decode_key(const layer_state *layer, uint32_t group, uint64_t place, fine_block fine) {
-  entry_reader reader = {0};
+static void read_key(const layer_state *layer, uint32_t group, uint64_t place, entry_reader *reader,
+                     fine_block fine) {
   block_site site = site_of(&layer->streams[STREAM_KEYS], layer->group_ranks[group], place, 1, 0);
   fine_block scratch;
   const fine_block *base = NULL;
-  read_block(&reader, &site);
-  if (reader.state.predictor == PREDICT_BASE) base = get_base(layer, place, &scratch);
-  add_levels(base ? *base : NULL, &reader.state, layer->gains[STREAM_KEYS], fine);
+  read_block(reader, &site);
+  if (reader->state.predictor == PREDICT_BASE) base = get_base(layer, place, &scratch);
+  add_levels(base ? *base : NULL, &reader->state, layer->gains[STREAM_KEYS], fine);
 }
 
-/* Keys that were decoded last: neighbours want the same. */
+static void decode_key(const layer_state *layer, uint32_t group, uint64_t place, fine_block fine) {
+  entry_reader reader;
+  reader.stream = NULL;
+  read_key(layer, group, place, &reader, fine);
+}
+
+/* Keys that were decoded last, and where: neighbours want the same, and next places come next. A
+ * group has its own slot in any 4x4 groups. */
 enum { KEY_MEMO = 16 };
 typedef struct {
   uint64_t tags[KEY_MEMO]; /* 0: empty */
   fine_block keys[KEY_MEMO];
+  entry_reader readers[KEY_MEMO];
 } key_memo;
+
+static void memo_begin(key_memo *memo) {
+  memset(memo->tags, 0, sizeof memo->tags);
+  for (int i = 0; i < KEY_MEMO; i++) memo->readers[i].stream = NULL;
+}
 
 static const fine_block *get_key(const layer_state *layer, uint32_t group, uint64_t place,
                                  key_memo *memo) {
   uint64_t tag = (place << 12 | group) + 1; /* there are at most 64 x 64 groups */
-  uint32_t slot = (uint32_t)(tag * 0x9e3779b97f4a7c15u >> 60);
+  uint32_t slot = group % layer->group_s_count % 4 + group / layer->group_s_count % 4 * 4;
   if (memo->tags[slot] != tag) {
     memo->tags[slot] = tag;
-    decode_key(layer, group, place, memo->keys[slot]);
+    read_key(layer, group, place, &memo->readers[slot], memo->keys[slot]);
   }
   return &memo->keys[slot];
 }
@@ -177,7 +190,7 @@ static void mix_keys(const layer_state *layer, uint32_t s, uint32_t t, uint64_t 
 static void decode_keys(const layer_state *layer, uint32_t s, uint32_t t, uint64_t place,
                         fine_block fine) {
   key_memo memo;
-  memset(memo.tags, 0, sizeof memo.tags);
+  memo_begin(&memo);
   mix_keys(layer, s, t, place, &memo, fine);
 }
 
@@ -223,7 +236,7 @@ static void shift_difference(const layer_state *layer, uint32_t group, uint64_t 
 static void decode_shifted(const layer_state *layer, uint32_t group, uint64_t place, int du, int dv,
                            float channels[3][COEFFICIENTS]) {
   key_memo memo;
-  memset(memo.tags, 0, sizeof memo.tags);
+  memo_begin(&memo);
   shift_difference(layer, group, place, du, dv, &memo, channels);
 }
 
@@ -239,7 +252,7 @@ typedef struct {
 static void decoder_begin(decoder *d, const layer_state *layer) {
   d->layer = layer;
   d->rest.stream = NULL;
-  memset(d->memo.tags, 0, sizeof d->memo.tags);
+  memo_begin(&d->memo);
 }
 
 static inline block_site site_of_slice(const layer_state *layer, uint32_t s, uint32_t t,

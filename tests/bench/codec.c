@@ -29,9 +29,7 @@ static double cpu_s(clockid_t clock) {
 /* ---- Light fields -------------------------------------------------------------------------- */
 
 static light_field load_baked(const char *folder, const char *name, uint32_t rays) {
-  char *path = format_text("%s/scene.txt", folder);
-  scene *all = scene_read(path);
-  free(path);
+  scene *all = scene_read(folder);
   const surface *self = scene_find(all, name);
   if (!self) fail("%s: no surface %s", folder, name);
   light_field f = {self->u_count, self->v_count, self->s_count, self->t_count, NULL};
@@ -42,7 +40,7 @@ static light_field load_baked(const char *folder, const char *name, uint32_t ray
   slice *slices = surface_slices(self, &slice_count);
   for (uint32_t c = 0; c < surface_chunk_count(self, rays); c++) {
     chunk_range range = surface_chunk(self, rays, c);
-    path = format_text("%s/%s/%04u.exr", folder, name, c);
+    char *path = format_text("%s/%s/%04u.exr", folder, name, c);
     image *chunk = image_open(path);
     for (uint32_t i = 0; i < range.count; i++, at++) {
       uint8_t *codes = f.codes + ((size_t)slices[at].t * f.s_count + slices[at].s) * samples;
@@ -75,9 +73,9 @@ typedef struct {
   double psnr, ratio, index_share, encode_s;
 } coded;
 
-static char path[64];
+static char file_path[64];
 
-/* Encodes to `path`. The PSNR is of the decoded codes, measured by the encoder block by block. */
+/* Encodes to file_path. The PSNR is of the decoded codes, measured by the encoder block by block. */
 static coded encode(const light_field *f, slf_angular angular, double quality) {
   slf_error error;
   slf_writer *writer;
@@ -90,12 +88,12 @@ static coded encode(const light_field *f, slf_angular angular, double quality) {
                                .quality = (float)quality};
   slf_source source = {light_field_read_slice, (void *)(uintptr_t)f, NULL};
   double begin = cpu_s(CLOCK_PROCESS_CPUTIME_ID);
-  if (slf_writer_create(path, &writer, &error) || slf_writer_add_surface(writer, &s, &error) ||
+  if (slf_writer_create(file_path, &writer, &error) || slf_writer_add_surface(writer, &s, &error) ||
       slf_writer_add_layer(writer, &options, &source, &error) || slf_writer_finish(writer, &error))
     fail("%s", error.message);
   coded c = {.encode_s = cpu_s(CLOCK_PROCESS_CPUTIME_ID) - begin};
   slf_file *file;
-  if (slf_open(path, &file, &error)) fail("%s", error.message);
+  if (slf_open(file_path, &file, &error)) fail("%s", error.message);
   const slf_layer *layer = &slf_get_surface(file, 0)->layers[0];
   c.psnr = layer->psnr;
   c.ratio = raw_nbytes(f) / (double)(layer->payload_nbytes + layer->index_nbytes);
@@ -290,11 +288,11 @@ static double time_blocks(const slf_file *file, const block_list *l) {
   return (cpu_s(CLOCK_THREAD_CPUTIME_ID) - begin) / (double)l->count * 1e9;
 }
 
-/* The file at `path` beside the JPEGs. */
+/* The file beside the JPEGs. */
 static speed measure_speed(const light_field *f, const jpeg_slices *j) {
   slf_error error;
   slf_file *file;
-  if (slf_open(path, &file, &error)) fail("%s", error.message);
+  if (slf_open(file_path, &file, &error)) fail("%s", error.message);
   block_list in_order = list_blocks(f), at_random = list_blocks(f), quads = list_blocks(f);
   shuffle(&at_random, 1);
   shuffle(&quads, 4);
@@ -359,7 +357,7 @@ static void measure(const light_field *f, const char *label, double *decode, dou
 
 int main(int argc, char **argv) {
   if (argc % 4 != 1) fail("usage: codec [BAKE_DIR SURFACE RAYS LABEL]...");
-  snprintf(path, sizeof path, "/tmp/slf_bench.%ld.slf", (long)getpid());
+  snprintf(file_path, sizeof file_path, "/tmp/slf_bench.%ld.slf", (long)getpid());
   double decode = 0, random = 0, jpeg_gain = 1e9, quality;
   light_field f;
   if (!synthetic_make(SYNTHETIC_MIRROR, 128, 16, 3, &f)) fail("no memory for the synthetic mirror");
@@ -378,6 +376,6 @@ int main(int argc, char **argv) {
   put("decode_random_vs_libjpeg", "", random);
   put("ratio_none_vs_libjpeg", "", jpeg_gain);
   printf("\n}\n");
-  remove(path);
+  remove(file_path);
   return 0;
 }

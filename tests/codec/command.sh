@@ -1,0 +1,37 @@
+#!/bin/sh
+# The slf command: what it prints, what it writes, how it fails.
+cd "$(dirname "$0")/../.." || exit 1
+slf=build/slf file=tests/fuzz/corpus/open/3.slf
+out=build/tap/command; rm -rf "$out"; mkdir -p "$out"
+n=0
+check() { # WHAT, then a command that must succeed
+  n=$((n + 1)); what=$1; shift
+  if "$@" > "$out/$n.out" 2> "$out/$n.err"; then echo "ok $n - $what"; else echo "not ok $n - $what"; cat "$out/$n.err" >&2; fi
+}
+refuses() { # EXIT_STATUS WORD WHAT, then a command that must fail so, with one line that has the word
+  n=$((n + 1)); status=$1 word=$2 what=$3; shift 3
+  "$@" > "$out/$n.out" 2> "$out/$n.err"; got=$?
+  if [ $got = "$status" ] && [ "$(wc -l < "$out/$n.err")" = 1 ] && grep -q "^slf: .*$word" "$out/$n.err"; then
+    echo "ok $n - $what"
+  else
+    echo "not ok $n - $what (exit $got)"; cat "$out/$n.err" >&2
+  fi
+}
+echo 1..16
+check "help on stdout" sh -c "$slf --help | grep -q '^usage'"
+check "info names surface and scheme" sh -c "$slf info $file | grep -q 'angular layered'"
+check "verify finds a good file good" $slf verify $file
+check "a slice as a picture" $slf slice $file s 2 2 "$out/slice.png"
+check "all slices" $slf decode $file s "$out/slices"
+check "each slice that exists, once" sh -c "[ \$(ls $out/slices | wc -l) = 25 ]"
+check "code again at a PSNR" $slf encode --angular=none --target-psnr=35 --threads=2 $file "$out/none.slf"
+check "what came out is near it" sh -c "$slf compare $file $out/none.slf | awk '/^all/{exit !(\$2 > 34.5 && \$2 < 36)}'"
+check "a slice as a JPEG" $slf slice --jpeg "$out/none.slf" s 2 2 "$out/slice.jpg"
+check "a file equals itself" sh -c "$slf compare $file $file | grep -q '^all  inf'"
+head -c 1000 $file > "$out/short.slf"
+refuses 1 "1000 bytes" "a file cut short" $slf info "$out/short.slf"
+refuses 1 "none.slf.*no slice" "a slice that does not exist" $slf slice "$out/none.slf" s 9 9 "$out/no.png"
+refuses 1 "no surface" "a surface that does not exist" $slf slice $file nothing 2 2 "$out/no.png"
+refuses 1 "angular none" "a JPEG of predicted blocks" $slf slice --jpeg $file s 2 2 "$out/no.jpg"
+refuses 2 "frobnicate" "a verb that does not exist" $slf frobnicate
+refuses 2 "quality=0" "a quality out of range" $slf encode --quality=0 $file "$out/no.slf"
