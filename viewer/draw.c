@@ -241,7 +241,8 @@ static bool has_depth(const slf_surface *surface, uint32_t k, float scale[4]) {
   const slf_layer *shape = &surface->layers[k];
   return shape->role == SLF_ROLE_REFLECTED && shape->curve == SLF_CURVE_SRGB &&
          k + 1 < surface->layer_count && shape[1].role == SLF_ROLE_HEIGHT &&
-         shape[1].s_count == shape->s_count && shape[1].t_count == shape->t_count &&
+         shape[1].curve == SLF_CURVE_SRGB && shape[1].s_count == shape->s_count &&
+         shape[1].t_count == shape->t_count &&
          flat_texel_scale(&surface->mesh, shape->u_count, shape->v_count, scale);
 }
 
