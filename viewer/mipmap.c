@@ -1,5 +1,6 @@
 #include "mipmap.h"
 
+#include "cpu.h"
 #include "half.h"
 
 #if defined(__x86_64__)
@@ -82,7 +83,7 @@ reduce_f16c(const mipmap_level *fine, const mipmap_level *coarse, mipmap_area ar
 
 void mipmap_reduce(const mipmap_level *fine, const mipmap_level *coarse, mipmap_area area) {
 #if HAVE_F16C
-  if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("f16c")) {
+  if (cpu_has_avx2_f16c()) {
     reduce_f16c(fine, coarse, area);
     return;
   }

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cpu.h"
 #include "half.h"
 #include "slf.h"
 
@@ -330,7 +331,7 @@ void resampler_use_kernel(resampler *r, resample_kernel kernel) {
   bool half = r->format == U_BLOCK_HALF;
   r->mix = half ? mix_half_plain : mix_codes_plain;
 #if HAVE_AVX2
-  if (kernel == RESAMPLE_BEST && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("f16c")) {
+  if (kernel == RESAMPLE_BEST && cpu_has_avx2_f16c()) {
     r->place = place_avx2;
     r->mix = half ? mix_half_avx2 : mix_codes_avx2;
   }

@@ -362,8 +362,9 @@ class Report:
     def growth(self):
         """A room in closed form: light fields of any size without a ray tracer."""
         lines = {"directions": [], "texels": []}
-        wanted = [("directions", n, 64, n) for n in (4, 8, 16, 32, 64)]
-        wanted += [("texels", n, n, 16) for n in (16, 32, 64, 128, 256)]
+        more = self.quality == "paper"
+        wanted = [("directions", n, 32, n) for n in (4, 8, 16, 32, *([64] * more))]
+        wanted += [("texels", n, n, 8) for n in (16, 32, 64, 128, *([256] * more))]
         for line, x, texels, directions in wanted:
             file = self.folder / f"room-{texels}-{directions}.slf"
             if not file.exists():
