@@ -4,7 +4,7 @@
 # build/bench/depth.json. Run from the repository's root; bakes what is missing (5 min on two cores).
 set -eu
 size=480x360
-out=build/bench/depth
+out=build/bench/depth-floor
 mkdir -p "$out"
 MAKEFLAGS='' make --no-print-directory all build/tests/images/compare build/bench/depth >&2
 bake() { MAKEFLAGS='' make --no-print-directory bake SCENE=floor QUALITY=paper "$@" >&2; }
