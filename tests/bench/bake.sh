@@ -8,8 +8,12 @@ cd "$(dirname "$0")/../.."
 mkdir -p build/bench
 TIMEFORMAT='%U %S'
 
-# cpu_s COMMAND...: processor seconds of a command and all it starts.
-cpu_s() { { time "$@" > build/bench/bake.log 2>&1; } 2>&1 | awk '{ print $1 + $2 }'; }
+# cpu_s COMMAND...: processor seconds of a command, which must succeed, and all it starts.
+cpu_s() {
+  local times
+  times=$({ time "$@" > build/bench/bake.log 2>&1; } 2>&1) || { cat build/bench/bake.log >&2; return 1; }
+  awk '{ print $1 + $2 }' <<< "$times"
+}
 sum() { awk "BEGIN { print $* }"; }
 
 # compare SCENE SURFACE NAME DECLARE RAYS_IN_ALL WIDTH HEIGHT CAMERA: prints the ratio.
