@@ -288,7 +288,10 @@ def section_growth(result):
             axes = grid[row][column]
             axes.plot([p["x"] for p in points], [p[key] for p in points], MARKERS[line] + "-", color=COLOURS[line])
             axes.set_xscale("log", base=2)
-            axes.set_yscale("log")
+            if key == "nbytes":
+                axes.set_yscale("log")
+            else:
+                axes.set_ylim(bottom=0)
             axes.set_xlabel(NAMES[line])
             if row == 0:
                 axes.set_title(title)
