@@ -43,10 +43,10 @@ CHECK_DEPS := build/deps/check
 NEED.build.programs := gcc pkg-config povray ffmpeg
 NEED.build.modules := OpenEXR libpng libjpeg glfw3 osmesa egl gl stb
 NEED.build.packages := gcc libc6-dev pkg-config povray povray-includes libopenexr-dev libpng-dev \
-  libjpeg-dev libglfw3-dev libosmesa6-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri libstb-dev
-NEED.check.programs := clang clang-format idiff oiiotool xvfb-run xdotool import
+  libjpeg-dev libglfw3-dev libosmesa6-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri libstb-dev ffmpeg
+NEED.check.programs := jq python3 clang clang-format idiff oiiotool xvfb-run xdotool import
 NEED.check.modules := cmocka
-NEED.check.packages := clang clang-format libclang-rt-14-dev openimageio-tools xvfb xauth xdotool \
+NEED.check.packages := jq python3 python3-venv clang clang-format libclang-rt-14-dev openimageio-tools xvfb xauth xdotool \
   imagemagick libcmocka-dev
 
 build/deps/%: | build/deps/
@@ -94,6 +94,8 @@ include bake/bake.mk
 include viewer/viewer.mk
 include tests/tests.mk
 -include $(shell find $(OBJ) -name '*.d' 2>/dev/null)
+
+install: install-codec install-viewer install-bake ## Install under DESTDIR PREFIX: libslf, slf, slfview, slf.inc, man pages
 
 clean: ## Remove everything built, bakes too
 	rm -rf build

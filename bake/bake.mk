@@ -122,3 +122,8 @@ $(BAKE_CHECKERS): $(OUT)/tests/bake/%: $(OBJ)/tests/bake/%.o $(BAKE_OBJECTS) $(L
 unit-suites: $(BAKE_CHECKERS)
 $(OUT)/tests/unit/bake_sample: $(OBJ)/bake/sample.o
 $(OUT)/tests/unit/bake_image: $(addprefix $(OBJ)/bake/,image.o fail.o)
+
+.PHONY: install-bake
+install-bake:
+	install -d $(DESTDIR)$(PREFIX)/share/slf
+	install -m 644 bake/slf.inc $(DESTDIR)$(PREFIX)/share/slf

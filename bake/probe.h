@@ -8,17 +8,17 @@
 
 #include "frame.h"
 
-enum { PROBE_TEST_COUNT = 16, PROBE_CANDIDATE_COUNT = 5, PROBE_MAX_TEXELS = 16 };
+enum { PROBE_TEST_COUNT = 12, PROBE_CANDIDATE_COUNT = 5, PROBE_MAX_TEXELS = 12 };
 extern const uint32_t probe_candidates[PROBE_CANDIDATE_COUNT]; /* 4 8 16 32 64 */
 
-/* At most 16 x 16 of the surface's texels, spread over it. */
+/* At most 12 x 12 of the surface's texels, spread over it. */
 texel_grid probe_grid(const surface *);
 
 /* The first view is along the normal; the next PROBE_TEST_COUNT from the test directions; then, for
  * each candidate, for each test, four slices. The caller frees stn. */
 view_list probe_views(uint32_t rays);
 
-/* What the light pass looks at, for radiosity to know it: at most 64 x 64 texels, along the normal
+/* What the light pass looks at, for radiosity to know it: at most 48 x 48 texels, along the normal
  * and, unless the surface is matte, from the test directions. The caller frees stn. */
 texel_grid light_grid(const surface *);
 view_list light_views(const surface *, uint32_t rays);

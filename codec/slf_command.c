@@ -289,6 +289,7 @@ static slf_result encode_file(slf_file *file, slf_writer *writer, slf_layer_opti
       slf_source source = {read_decoded, &c, isatty(STDERR_FILENO) ? show_progress : NULL};
       options.role = l->role;
       options.curve = l->curve;
+      options.height_unit = l->height_unit;
       options.u_count = l->u_count;
       options.v_count = l->v_count;
       options.s_count = l->s_count;

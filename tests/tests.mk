@@ -47,3 +47,13 @@ format: | $(CHECK_DEPS) ## Lay out the sources with clang-format
 	clang-format -i $(wildcard codec/*.[ch] bake/*.[ch] viewer/*.[ch] tests/*/*.[ch])
 
 include tests/report/report.mk
+
+# Each part measures itself, one after another; jq puts the flat objects together.
+.PHONY: bench
+bench: all | $(CHECK_DEPS) ## Measure everything: build/bench.json
+	$(MAKE) bench-codec
+	$(MAKE) bench-viewer
+	$(MAKE) build/bench/pond.json
+	tests/bench/bake.sh
+	tests/bench/depth.sh
+	jq -s add build/bench/{codec,viewer,pond,bake,depth}.json > build/bench.json.part && mv build/bench.json.part build/bench.json

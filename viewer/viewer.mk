@@ -52,3 +52,9 @@ unit-suites: $(OUT)/bench/room
 .PHONY: bench-viewer
 bench-viewer: $(addprefix $(OUT)/bench/,room viewer open) $(OUT)/slfview
 	@tests/bench/viewer.sh
+
+.PHONY: install-viewer
+install-viewer: $(OUT)/slfview
+	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/share/man/man1
+	install -m 755 $(OUT)/slfview $(DESTDIR)$(PREFIX)/bin
+	install -m 644 viewer/slfview.1 $(DESTDIR)$(PREFIX)/share/man/man1

@@ -106,6 +106,8 @@ Slf_Quad("near", <-5, 0, -4>, 10*x, Height*y, <128, 64>, Slf_Matte)
 Slf_Quad("right", <5, 0, -4>, 8*z, Height*y, <128, 64>, Slf_Matte)
 Slf_Quad("left", <-5, 0, 4>, -8*z, Height*y, <128, 64>, Slf_Matte)
 Slf_Quad("skylight", <Sky_Low.x, Sky_Low.y, Sky_Low.z>, (Sky_High.x - Sky_Low.x)*x, (Sky_High.z - Sky_Low.z)*z, <16, 16>, Slf_Matte)
+Slf_Hdr("skylight")
+Slf_Hdr("floor")
 #declare I = 0;
 #while (I < 3)
   #declare A = Picture_Low[I];

@@ -15,7 +15,7 @@ bake floor 16 Mirror=1
 bake bottle 16 ""
 bake bottle 32 ""
 bake bottle 64 "Texels=128"
-bake box 16 ""
+bake box 16 "Texels=256"
 bake cube 32 "Texels=64"
 first() { # the first surface of a scene with directions
   awk '/^surface /{ if ($5 > 1) { print $2; exit } }' "build/bake/$1/scene.txt"

@@ -477,7 +477,7 @@ def machine():
                 processor=cpu.group(1) if cpu else platform.processor(), cores=os.cpu_count(),
                 system=platform.platform(), commit=first_line("git", "rev-parse", "--short", "HEAD"),
                 compiler=first_line("gcc", "--version"),
-                povray=line_with("Persistence of Vision", "povray", "--version"),
+                povray=line_with("POV-Ray 3", "povray", "--version"),
                 mesa=first_line("dpkg-query", "-W", "libosmesa6"),
                 python=platform.python_version(), numpy=np.__version__)
 

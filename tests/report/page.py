@@ -12,6 +12,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+import matplotlib.ticker
 import numpy as np
 from PIL import Image
 
@@ -120,6 +121,7 @@ def draw_tradeoff(name, data):
                     if p[key] > 0:
                         annotate(axes, p[key], p[metric], str(p["rays"]), COLOURS["povray"], (3, 4))
             axes.set_xscale("log")
+            axes.xaxis.set_minor_formatter(matplotlib.ticker.NullFormatter())
             if row == 1:
                 axes.set_xlabel(title)
             if column == 0:
@@ -286,7 +288,10 @@ def section_growth(result):
             axes = grid[row][column]
             axes.plot([p["x"] for p in points], [p[key] for p in points], MARKERS[line] + "-", color=COLOURS[line])
             axes.set_xscale("log", base=2)
-            axes.set_yscale("log")
+            if key == "nbytes":
+                axes.set_yscale("log")
+            else:
+                axes.set_ylim(bottom=0)
             axes.set_xlabel(NAMES[line])
             if row == 0:
                 axes.set_title(title)
@@ -342,7 +347,7 @@ table { border-collapse: collapse; margin: 1em 0; font-size: 13px; font-variant-
 caption { text-align: left; padding: .3em 0; max-width: 60em; } th { text-align: right; border-bottom: 2px solid #37352f; }
 td { text-align: right; border-bottom: 1px solid #eee; } th, td { padding: .2em .8em; }
 th:first-child, td:first-child { text-align: left; } img.plot { max-width: 100%; display: block; margin: 1em 0; }
-img.map { image-rendering: pixelated; max-width: 100%; } code, pre { background: #f6f6f4; padding: .1em .3em; }
+img.map { image-rendering: pixelated; width: 600px; } code, pre { background: #f6f6f4; padding: .1em .3em; }
 pre { padding: .8em; } .machine { color: #777; }
 """
 

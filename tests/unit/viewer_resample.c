@@ -214,7 +214,8 @@ static void test_vector_kernel_equals_plain_c(void **state) {
   for (int round = 0; round < 2000; round++) {
     block_directions d;
     /* From directions that agree to ones spread over all of the circle and beyond. */
-    float spread = powf(10, (float)(round % 8) - 6), s = (float)rand() / (float)RAND_MAX * 1.4f - 0.2f,
+    float spread = powf(10, (float)(round % 8) - 6),
+          s = (float)rand() / (float)RAND_MAX * 1.4f - 0.2f,
           t = (float)rand() / (float)RAND_MAX * 1.4f - 0.2f;
     d.mask = round % 3 ? ((uint64_t)rand() << 33) ^ ((uint64_t)rand() << 11) ^ (uint64_t)rand()
                        : ~(uint64_t)0;
@@ -280,8 +281,10 @@ static void test_scan_conversion_is_watertight(void **state) {
          * step is at least 8 texels: less than a quarter of a step in all, so that no quad folds.
          */
         bool inner = i > 0 && j > 0 && i < SIDE && j < SIDE;
-        float u = ((float)i + (inner ? 0.36f * ((float)rand() / (float)RAND_MAX - 0.5f) : 0)) / SIDE;
-        float v = ((float)j + (inner ? 0.36f * ((float)rand() / (float)RAND_MAX - 0.5f) : 0)) / SIDE;
+        float u =
+            ((float)i + (inner ? 0.36f * ((float)rand() / (float)RAND_MAX - 0.5f) : 0)) / SIDE;
+        float v =
+            ((float)j + (inner ? 0.36f * ((float)rand() / (float)RAND_MAX - 0.5f) : 0)) / SIDE;
         if (inner && u_count >= 8 * SIDE && rand() % 2)
           u = (floorf(u * (float)u_count) + 0.5f) / (float)u_count;
         vertices[j * (SIDE + 1) + i] = (slf_vertex){.position = {u, 0, v},
