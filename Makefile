@@ -5,6 +5,7 @@ SHELL := bash
 MAKEFLAGS += --no-builtin-rules
 .DELETE_ON_ERROR:
 .SUFFIXES:
+.PRECIOUS: build/%.o
 .DEFAULT_GOAL := all
 
 SCENE ?= floor
