@@ -1,8 +1,9 @@
 /* compare A.png B.png MASK.png - how two pictures differ where the mask is white, one pixel in from
- * its edge. Prints one line: PSNR in dB of the 8-bit colours; the shift of B against A in pixels; the
- * standard deviation in pixels of the Gaussian that makes A as blurred as B; the number of pixels
- * compared. The shift is the peak of the normalised cross-correlation of B's luma with A's, A blurred
- * so that the peak is highest: against a sharp A, what lies beyond the blur's reach would pull it. */
+ * its edge. Prints one line: PSNR in dB of the 8-bit colours; the shift of B against A in pixels;
+ * the standard deviation in pixels of the Gaussian that makes A as blurred as B; the number of
+ * pixels compared. The shift is the peak of the normalised cross-correlation of B's luma with A's,
+ * A blurred so that the peak is highest: against a sharp A, what lies beyond the blur's reach would
+ * pull it. */
 #include <math.h>
 #include <png.h>
 #include <stdint.h>

@@ -9,8 +9,8 @@
 
 enum { U = 43, V = 29, DIRECTIONS = 5 };
 
-/* Texels stay away from black and white: there libjpeg clamps luma and chroma before it makes R, G, B
- * of them, and we clamp R, G, B alone. */
+/* Texels stay away from black and white: there libjpeg clamps luma and chroma before it makes R, G,
+ * B of them, and we clamp R, G, B alone. */
 static slf_result read_slice(void *context, uint32_t s, uint32_t t, float *rgb, slf_error *error) {
   (void)context;
   (void)error;
