@@ -5,7 +5,6 @@ SHELL := bash
 MAKEFLAGS += --no-builtin-rules
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PRECIOUS: build/%.o
 .DEFAULT_GOAL := all
 
 SCENE ?= floor
@@ -22,6 +21,7 @@ CC := $(if $(filter default,$(origin CC)),gcc,$(CC))
 # A sanitized or debug build lives beside the release build and shares nothing with it.
 OUT := $(if $(filter release,$(CONFIG)),build,build/$(CONFIG))
 OBJ := $(OUT)/obj
+.PRECIOUS: $(OBJ)/%.o
 
 CFLAGS ?=
 ifneq ($(filter release debug asan,$(CONFIG)),$(CONFIG))
