@@ -46,6 +46,7 @@ check: all unit-suites build/clang.ok build/tests/images/compare build/tests/pon
 format: | $(CHECK_DEPS) ## Lay out the sources with clang-format
 	clang-format -i $(wildcard codec/*.[ch] bake/*.[ch] viewer/*.[ch] tests/*/*.[ch])
 
+include tests/bench/bakes.mk
 include tests/report/report.mk
 
 # Each part measures itself, one after another; jq puts the flat objects together.
