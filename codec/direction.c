@@ -22,8 +22,11 @@ bool slf_slice_exists(uint32_t s_count, uint32_t t_count, uint32_t s_index, uint
 }
 
 void slf_direction(double S, double T, double n_min, double direction[3]) {
-  /* Far outside the circle only the angle matters; the clamp keeps the squares finite. */
-  double s = 2 * fmax(-1e6, fmin(1e6, S)) - 1, t = 2 * fmax(-1e6, fmin(1e6, T)) - 1;
+  /* Far outside the circle only the angle matters; the scale keeps the squares finite. */
+  double s = S - 0.5, t = T - 0.5, largest = fmax(fabs(s), fabs(t));
+  double scale_down = largest > 1e6 ? 1e6 / largest : 1;
+  s *= 2 * scale_down;
+  t *= 2 * scale_down;
   double longest_squared = 1 - n_min * n_min;
   double length_squared = s * s + t * t;
   if (length_squared > longest_squared) {

@@ -1,6 +1,7 @@
 #include "resample.h"
 
 #include <assert.h>
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -81,26 +82,32 @@ INLINE void place_texels(const resampler *r, const block_directions *d, pending_
   float s_last = (float)(r->s_count - 1), t_last = (float)(r->t_count - 1);
   int i_last = r->s_count > 1 ? (int)r->s_count - 2 : 0;
   int j_last = r->t_count > 1 ? (int)r->t_count - 2 : 0, t_count = (int)r->t_count;
+  /* Half of s and t of eq. 1, so that no finite S or T overflows. */
   float s[64], t[64], farthest_2 = 0;
   for (int k = 0; k < 64; k++) {
-    s[k] = 2 * d->s[k] - 1;
-    t[k] = 2 * d->t[k] - 1;
-    s[k] = fabsf(s[k]) < 1e9f ? s[k] : 0; /* NaN too */
-    t[k] = fabsf(t[k]) < 1e9f ? t[k] : 0;
+    s[k] = d->s[k] - 0.5f;
+    t[k] = d->t[k] - 0.5f;
+    s[k] = fabsf(s[k]) <= FLT_MAX ? s[k] : 0; /* NaN gives 0, too */
+    t[k] = fabsf(t[k]) <= FLT_MAX ? t[k] : 0;
   }
   for (int k = 0; k < 64; k++) {
     float radius_2 = s[k] * s[k] + t[k] * t[k];
     farthest_2 = radius_2 > farthest_2 ? radius_2 : farthest_2;
   }
-  if (farthest_2 > rim * rim)
+  if (farthest_2 > 0.25f * rim * rim)
     for (int k = 0; k < 64; k++) {
+      float s_size = fabsf(s[k]), t_size = fabsf(t[k]), size = s_size > t_size ? s_size : t_size;
+      float shrink = size > 1e9f ? 1e9f / size : 1; /* the square must stay finite */
+      s[k] *= shrink;
+      t[k] *= shrink;
       float radius_2 = s[k] * s[k] + t[k] * t[k];
-      float pull = radius_2 > rim * rim ? rim / sqrtf(radius_2) : 1;
+      float pull = radius_2 > 0.25f * rim * rim ? 0.5f * rim / sqrtf(radius_2) : 1;
       s[k] *= pull;
       t[k] *= pull;
     }
   for (int k = 0; k < 64; k++) {
-    float x = (s[k] + 1) * r->s_scale - r->s_offset, y = (t[k] + 1) * r->t_scale - r->t_offset;
+    float x = (2 * s[k] + 1) * r->s_scale - r->s_offset;
+    float y = (2 * t[k] + 1) * r->t_scale - r->t_offset;
     x = x > 0 ? x : 0;
     y = y > 0 ? y : 0;
     x = x < s_last ? x : s_last;

@@ -24,9 +24,8 @@
 #include "block_source.h"
 
 /* The directions of 8x8 texels; texel 8 * row + column. (S,T) as in eq. 1, any values: outside the
- * hemisphere they are pulled back along the radius to the rim, NaN and infinity read as
- * straight up. Texels whose bit in
- * mask is clear come out as zeros. */
+ * hemisphere they are pulled back along the radius to the rim, however far they are; NaN and
+ * infinity read as 1/2. Texels whose bit in mask is clear come out as zeros. */
 typedef struct {
   float s[64], t[64];
   uint64_t mask;

@@ -92,11 +92,12 @@ static void beyond_the_rim(void **state) {
   (void)state;
   float s[AZIMUTHS], t[AZIMUTHS];
   closed_form f = closed_form_make(8, 8, 32, 32);
-  for (double out = 1e-7; out < 1e6; out *= 10) {
+  /* As far as a float goes, 3.4e38 in S or 6.8e38 of radius: the azimuth stays. */
+  for (double out = 1e-7; out < 1e39; out *= out < 1e37 ? 10 : 6.7) {
     ring(1 + out, s, t);
     worst_error(&f, s, t, AZIMUTHS);
   }
-  /* What is no direction is straight up. */
+  /* What is no number reads as 1/2: straight up. */
   const float none[] = {NAN, INFINITY, -INFINITY};
   resampler *r = resampler_create(32, 32, closed_form_source(&f));
   mixed_block up, mixed;
@@ -110,6 +111,21 @@ static void beyond_the_rim(void **state) {
   assert_memory_equal(&mixed, &up, sizeof up);
   resampler_free(r);
   closed_form_free(&f);
+}
+
+/* slf_direction itself, as far as a double goes: on the rim, at the azimuth asked for. */
+static void far_directions_keep_their_azimuth(void **state) {
+  (void)state;
+  for (double radius = 1; radius < 1e308; radius *= 1e3)
+    for (int i = 0; i < 360; i++) {
+      const double angle = 2 * M_PI * (i + 0.25) / 360;
+      double d[3];
+      slf_direction(0.5 + radius * cos(angle), 0.5 + radius * sin(angle), 0.02, d);
+      /* Of order 1, after a dozen roundings of 1.1e-16. */
+      assert_true(fabs(d[0] - sqrt(1 - 0.02 * 0.02) * cos(angle)) < 2e-15);
+      assert_true(fabs(d[1] - sqrt(1 - 0.02 * 0.02) * sin(angle)) < 2e-15);
+      assert_true(d[2] == 0.02);
+    }
 }
 
 /* Error falls with the square of the cell, from one direction to as many as the format has. */
@@ -252,6 +268,7 @@ int main(void) {
       cmocka_unit_test(grazing_directions_to_the_horizon),
       cmocka_unit_test(exactly_zero_and_one),
       cmocka_unit_test(beyond_the_rim),
+      cmocka_unit_test(far_directions_keep_their_azimuth),
       cmocka_unit_test(one_direction_to_65536),
       cmocka_unit_test(one_ulp_either_side_of_a_cell),
       cmocka_unit_test(the_rim_reads_what_is_stored),

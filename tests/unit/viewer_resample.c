@@ -379,6 +379,33 @@ static void test_seam_and_silhouette(void **state) {
   free(f);
 }
 
+/* Below the horizon (S,T) goes on outwards at the same azimuth, so that half way between two eyes
+ * as far above as below it lies on the horizon, radius 1, and not inside. */
+static void test_directions_continue_below_the_horizon(void **state) {
+  (void)state;
+  const slf_vertex vertex = {
+      .position = {1, 2, 3}, .normal = {0, 1, 0}, .tangent_u = {1, 0, 0}, .tangent_v = {0, 0, 1}};
+  for (int i = 0; i < 16; i++)
+    for (float n = 0.05f; n < 0.99f; n += 0.1f) {
+      float angle = (float)i * 0.4f, r = sqrtf(1 - n * n);
+      float along[2] = {r * cosf(angle), r * sinf(angle)}, s[2], t[2];
+      for (int below = 0; below < 2; below++) {
+        float eye[3] = {1 + 5 * along[0], 2 + (below ? -5 : 5) * n, 3 + 5 * along[1]};
+        view_direction(&vertex, eye, &s[below], &t[below]);
+      }
+      /* Positions and S, T are of order 1 to 8, a few roundings of 2^-24 of that each. */
+      assert_true(fabsf(2 * s[0] - 1 - along[0]) < 2e-6f);
+      assert_true(fabsf(2 * t[0] - 1 - along[1]) < 2e-6f);
+      assert_true(fabsf(0.5f * (s[0] + s[1]) - 0.5f - 0.5f * cosf(angle)) < 4e-6f);
+      assert_true(fabsf(0.5f * (t[0] + t[1]) - 0.5f - 0.5f * sinf(angle)) < 4e-6f);
+    }
+  float s, t;
+  view_direction(&vertex, (float[3]){1, 2, 3}, &s, &t); /* on the vertex: from above */
+  assert_true(s == 0.5f && t == 0.5f);
+  view_direction(&vertex, (float[3]){1, -7, 3}, &s, &t); /* straight below: twice the radius */
+  assert_true(hypotf(2 * s - 1, 2 * t - 1) == 2);
+}
+
 /* An eye anywhere, on the surface too: some bytes, no NaN on the way (that would trap below), every
  * texel that is made opaque. */
 static void test_any_eye(void **state) {
@@ -422,6 +449,7 @@ int main(void) {
       cmocka_unit_test(test_equal_taps_keep_their_code),
       cmocka_unit_test(test_scan_conversion_is_watertight),
       cmocka_unit_test(test_seam_and_silhouette),
+      cmocka_unit_test(test_directions_continue_below_the_horizon),
       cmocka_unit_test(test_any_eye),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
