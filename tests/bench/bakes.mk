@@ -3,7 +3,7 @@
 # lathe, glass, six faces. With QUALITY=paper they have the scenes' own texels and 25 rays.
 # $1 scene, $2 directions, $3 texels, $4 rays, $5 what else is declared
 define bench_bake
-	$(MAKE) bake SCENE=$1 NAME=bench-$1-$2 QUALITY=paper RAYS=$(if $(filter paper,$(QUALITY)),25,$4) \
+	+$(MAKE) bake SCENE=$1 NAME=bench-$1-$2 QUALITY=paper RAYS=$(if $(filter paper,$(QUALITY)),25,$4) \
 	  DECLARE="Directions=$2$(if $(filter paper,$(QUALITY)),, Texels=$3)$(5:%= %)"
 
 endef
