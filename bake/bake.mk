@@ -100,15 +100,16 @@ $(addsuffix .made,$(CHOICES)): $(LIGHT) $(BAKE_DIR)/look bake/camera.c bake/samp
 
 $(CHUNKS): $(LIGHT) $(BAKE_DIR)/look $(addprefix bake/,camera.c frame.c cover.c sample.c layers.c image.c) | bake-begins
 	$(if $(BAKE_LIST),@echo $@,@bake/trace chunk $(notdir $(@D)) $(basename $(notdir $@)) $@)
-	$(if $(BAKE_LIST),,@$(BAKE_BIN)/progress report $(BAKE_DIR) $(BAKE_RAYS))
+	$(if $(BAKE_LIST)$(FARM_TASK),,@$(BAKE_BIN)/progress report $(BAKE_DIR) $(BAKE_RAYS))
 .PHONY: bake-begins bake-ready bake-chunks
 # BAKE_LIST=1 names the chunks that are missing or stale instead of baking them. (make -n cannot: it
-# takes a file that would keep its time for a new one.)
+# takes a file that would keep its time for a new one.) FARM_TASK=1 is one of a farm's tasks: the farm
+# says how far all of them are.
 bake-chunks: $(CHUNKS)
 # All that chunks need, made here before a farm makes those.
 bake-ready: $(BAKE_DIR)/chunks.mk $(BAKE_DIR)/look $(RAY_TABLES) $(COVERS) $(CHOICES) $(LIGHT)
 bake-begins: | $(BAKE_DIR)/look $(RAY_TABLES) $(COVERS) $(LIGHT)
-	$(if $(BAKE_LIST),,@$(BAKE_BIN)/progress begin $(BAKE_DIR) $(BAKE_RAYS))
+	$(if $(BAKE_LIST)$(FARM_TASK),,@$(BAKE_BIN)/progress begin $(BAKE_DIR) $(BAKE_RAYS))
 
 build/$(BAKE).slf: $(BAKE_BIN)/pack $(BAKE_DIR)/chunks.mk $(CHUNKS) $(wildcard $(BAKE_SCENE)/views)
 	@$(BAKE_BIN)/pack $(BAKE_DIR) $(BAKE_RAYS) $(wildcard $(BAKE_SCENE)/views) $@
