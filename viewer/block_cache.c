@@ -8,8 +8,8 @@
 
 enum { PINNED_COUNT = 2 * BLOCK_MAX_SLICES };
 
-/* key: layer number << 38 | block number << 16 | slice. Blocks number at most 2^22 a layer, layers
- * at most 2^15. */
+/* key: (layer number << 4 | level) << 38 | block number << 16 | slice. Blocks number at most 2^22 a
+ * layer, layers at most 2^15. */
 typedef struct {
   uint64_t key;
   uint32_t slot;
@@ -18,16 +18,25 @@ typedef struct {
 
 static const uint64_t no_key = UINT64_MAX;
 
+/* A layer at one of its angular levels. */
 typedef struct {
   block_cache *cache;
-  uint32_t surface, layer;
-  uint32_t block_u_count;
+  uint32_t surface, layer, level;
+  uint32_t block_u_count, s_count, t_count; /* of level 0 */
   uint64_t key_base;
   u_block_format format;
+  uint8_t *decompressed; /* a bit for each C-Block that ever was; level 0's, shared */
 } cached_layer;
+
+enum { LEVEL_COUNT = ANGULAR_MAX_LEVEL + 1 };
+
+/* Linear light back to codes, in steps that are 1/5 of the darkest code's. */
+enum { CODES_COUNT = 16384 };
 
 struct block_cache {
   const slf_file *file;
+  float linear[256];          /* of a code, and */
+  uint8_t codes[CODES_COUNT]; /* back; both filled when a coarser level is asked for */
   size_t capacity, slot_count, resident;
   uint8_t *u_blocks;     /* slot_count blocks of u_block_nbytes */
   size_t u_block_nbytes; /* of the largest format that a layer of the file has */
@@ -38,9 +47,9 @@ struct block_cache {
   table_entry *table; /* open addressing, linear probing */
   uint64_t table_mask;
   size_t hand;
-  uint32_t stamp;      /* of the latest fetch */
-  size_t latest_count; /* its blocks: pinned while the next fetch runs */
-  cached_layer *layers;
+  uint32_t stamp;        /* of the latest fetch */
+  size_t latest_count;   /* its blocks: pinned while the next fetch runs */
+  cached_layer *layers;  /* LEVEL_COUNT for each layer */
   uint32_t *first_layer; /* of each surface */
   uint32_t layer_count;
   uint32_t frame;
@@ -107,24 +116,119 @@ static void begin_fetch(block_cache *cache, size_t count) {
   cache->latest_count = count;
 }
 
+/* ---- Decompression -----------------------------------------------------------------------------
+ */
+
+static slf_block_address address_of(slice_index slice, uint32_t block_u, uint32_t block_v) {
+  return (slf_block_address){.s = slice >> 8,
+                             .t = slice & 0xff,
+                             .block_u = (uint16_t)block_u,
+                             .block_v = (uint16_t)block_v};
+}
+
+static void count_decompression(cached_layer *layer, slf_block_address a) {
+  block_cache_counts *counts = &layer->cache->counts;
+  uint64_t block = (uint64_t)a.block_v * layer->block_u_count + a.block_u;
+  uint64_t number = (block * layer->s_count + a.s) * layer->t_count + a.t;
+  uint8_t *byte = &layer->decompressed[number / 8], bit = (uint8_t)(1u << number % 8);
+  counts->decompressions++;
+  counts->frame_decompressions++;
+  counts->decompressions_again += (*byte & bit) != 0;
+  counts->frame_decompressions_again += (*byte & bit) != 0;
+  *byte |= bit;
+}
+
+static void store_half(const float rgb[3 * 64], uint8_t *u_block) {
+  uint16_t *out = (uint16_t *)(void *)u_block;
+  for (int k = 0; k < 64; k++, out += 4) {
+    for (int c = 0; c < 3; c++) out[c] = half_from_float(half_range(rgb[3 * k + c]));
+    out[3] = HALF_ONE;
+  }
+}
+
 static void decode_half(const cached_layer *layer, const slf_block_address *addresses, size_t count,
                         uint8_t *const *targets) {
   for (size_t i = 0; i < count; i++) {
     float rgb[3 * 64];
-    uint16_t *out = (uint16_t *)(void *)targets[i];
     slf_decode_block_linear(layer->cache->file, layer->surface, layer->layer, addresses[i], rgb);
-    for (int k = 0; k < 64; k++, out += 4) {
-      for (int c = 0; c < 3; c++) out[c] = half_from_float(half_range(rgb[3 * k + c]));
-      out[3] = HALF_ONE;
-    }
+    store_half(rgb, targets[i]);
   }
+}
+
+/* The sums of `count` blocks of codes in linear light. */
+static void sum_codes(const cached_layer *layer, const slf_block_address *addresses, size_t count,
+                      float sum[3 * 64]) {
+  const block_cache *cache = layer->cache;
+  uint8_t blocks[ANGULAR_MAX_SAMPLES][SLF_BLOCK_NBYTES], *targets[ANGULAR_MAX_SAMPLES];
+  for (size_t i = 0; i < count; i++) targets[i] = blocks[i];
+  slf_decode_blocks(cache->file, layer->surface, layer->layer, addresses, count, targets);
+  for (size_t i = 0; i < count; i++)
+    for (int k = 0; k < 64; k++)
+      for (int c = 0; c < 3; c++) sum[3 * k + c] += cache->linear[blocks[i][4 * k + c]];
+}
+
+static void sum_half(const cached_layer *layer, const slf_block_address *addresses, size_t count,
+                     float sum[3 * 64]) {
+  float rgb[3 * 64];
+  for (size_t i = 0; i < count; i++) {
+    slf_decode_block_linear(layer->cache->file, layer->surface, layer->layer, addresses[i], rgb);
+    for (int k = 0; k < 3 * 64; k++) sum[k] += rgb[k];
+  }
+}
+
+/* A block of a coarser level: the mean of its samples. */
+static void decode_mean(cached_layer *layer, slice_index slice, uint32_t block_u, uint32_t block_v,
+                        uint8_t *target) {
+  slice_index samples[ANGULAR_MAX_SAMPLES];
+  slf_block_address addresses[ANGULAR_MAX_SAMPLES];
+  float mean[3 * 64] = {0};
+  size_t count = angular_samples(layer->s_count, layer->t_count, layer->level, slice, samples);
+  for (size_t i = 0; i < count; i++) {
+    addresses[i] = address_of(samples[i], block_u, block_v);
+    count_decompression(layer, addresses[i]);
+  }
+  if (layer->format == U_BLOCK_CODES)
+    sum_codes(layer, addresses, count, mean);
+  else
+    sum_half(layer, addresses, count, mean);
+  for (int k = 0; k < 3 * 64; k++) mean[k] /= (float)count;
+  if (layer->format == U_BLOCK_HALF) {
+    store_half(mean, target);
+    return;
+  }
+  const uint8_t *codes = layer->cache->codes;
+  for (int k = 0; k < 64; k++) {
+    for (int c = 0; c < 3; c++)
+      target[4 * k + c] = codes[(int)(mean[3 * k + c] * (CODES_COUNT - 1) + 0.5f)];
+    target[4 * k + 3] = 255;
+  }
+}
+
+/* ---- Fetching ----------------------------------------------------------------------------------
+ */
+
+static void decompress(cached_layer *layer, uint32_t block_u, uint32_t block_v,
+                       const slice_index *slices, size_t count, uint8_t *const *targets) {
+  slf_block_address addresses[BLOCK_MAX_SLICES];
+  if (layer->level > 0) {
+    for (size_t i = 0; i < count; i++) decode_mean(layer, slices[i], block_u, block_v, targets[i]);
+    return;
+  }
+  for (size_t i = 0; i < count; i++) {
+    addresses[i] = address_of(slices[i], block_u, block_v);
+    count_decompression(layer, addresses[i]);
+  }
+  if (layer->format == U_BLOCK_CODES)
+    slf_decode_blocks(layer->cache->file, layer->surface, layer->layer, addresses, count, targets);
+  else
+    decode_half(layer, addresses, count, targets);
 }
 
 static void fetch_blocks(void *context, uint32_t block_u, uint32_t block_v,
                          const slice_index *slices, size_t count, const uint8_t **u_blocks) {
   cached_layer *layer = context;
   block_cache *cache = layer->cache;
-  slf_block_address missing[BLOCK_MAX_SLICES];
+  slice_index missing[BLOCK_MAX_SLICES];
   uint8_t *targets[BLOCK_MAX_SLICES];
   size_t missing_count = 0;
   uint64_t base = layer->key_base | ((uint64_t)block_v * layer->block_u_count + block_u) << 16;
@@ -140,10 +244,7 @@ static void fetch_blocks(void *context, uint32_t block_u, uint32_t block_v,
       cache->slot_keys[slot] = key;
       cache->slot_frames[slot] = cache->frame;
       cache->resident++;
-      missing[missing_count] = (slf_block_address){.s = slices[i] >> 8,
-                                                   .t = slices[i] & 0xff,
-                                                   .block_u = (uint16_t)block_u,
-                                                   .block_v = (uint16_t)block_v};
+      missing[missing_count] = slices[i];
       targets[missing_count++] = cache->u_blocks + (size_t)slot * cache->u_block_nbytes;
     }
     entry->stamp = cache->stamp;
@@ -152,13 +253,8 @@ static void fetch_blocks(void *context, uint32_t block_u, uint32_t block_v,
   cache->counts.lookups += count;
   cache->counts.frame_lookups += count;
   cache->counts.hits += count - missing_count;
-  if (missing_count == 0) return;
-  cache->counts.decompressions += missing_count;
-  cache->counts.frame_decompressions += missing_count;
-  if (layer->format == U_BLOCK_CODES)
-    slf_decode_blocks(cache->file, layer->surface, layer->layer, missing, missing_count, targets);
-  else
-    decode_half(layer, missing, missing_count, targets);
+  cache->counts.frame_hits += count - missing_count;
+  if (missing_count > 0) decompress(layer, block_u, block_v, missing, missing_count, targets);
 }
 
 void block_cache_clear(block_cache *cache) {
@@ -180,20 +276,29 @@ static bool number_layers(block_cache *cache) {
     cache->first_layer[i + 1] =
         cache->first_layer[i] + slf_get_surface(cache->file, i)->layer_count;
   cache->layer_count = cache->first_layer[surface_count];
-  cache->layers = calloc(cache->layer_count + (size_t)1, sizeof *cache->layers);
+  cache->layers = calloc(LEVEL_COUNT * (size_t)cache->layer_count + 1, sizeof *cache->layers);
   if (!cache->layers) return false;
   for (uint32_t i = 0; i < surface_count; i++)
     for (uint32_t k = 0; k < slf_get_surface(cache->file, i)->layer_count; k++) {
       uint32_t number = cache->first_layer[i] + k;
       const slf_layer *shape = &slf_get_surface(cache->file, i)->layers[k];
       u_block_format format = shape->curve == SLF_CURVE_DWA ? U_BLOCK_HALF : U_BLOCK_CODES;
+      uint64_t block_count = (uint64_t)shape->block_u_count * shape->block_v_count;
+      uint8_t *decompressed = calloc(block_count * shape->s_count * shape->t_count / 8 + 1, 1);
+      if (!decompressed) return false;
       if (format == U_BLOCK_HALF) cache->u_block_nbytes = U_BLOCK_HALF_NBYTES;
-      cache->layers[number] = (cached_layer){.cache = cache,
-                                             .surface = i,
-                                             .layer = k,
-                                             .block_u_count = shape->block_u_count,
-                                             .key_base = (uint64_t)number << 38,
-                                             .format = format};
+      for (uint32_t level = 0; level < LEVEL_COUNT; level++)
+        cache->layers[LEVEL_COUNT * number + level] =
+            (cached_layer){.cache = cache,
+                           .surface = i,
+                           .layer = k,
+                           .level = level,
+                           .block_u_count = shape->block_u_count,
+                           .s_count = shape->s_count,
+                           .t_count = shape->t_count,
+                           .key_base = ((uint64_t)number << 4 | level) << 38,
+                           .format = format,
+                           .decompressed = decompressed};
     }
   return true;
 }
@@ -231,6 +336,8 @@ void block_cache_free(block_cache *cache) {
   free(cache->slot_frames);
   free(cache->free_slots);
   free(cache->table);
+  for (uint32_t i = 0; i < cache->layer_count && cache->layers; i++)
+    free(cache->layers[LEVEL_COUNT * i].decompressed);
   free(cache->layers);
   free(cache->first_layer);
   free(cache);
@@ -238,13 +345,31 @@ void block_cache_free(block_cache *cache) {
 
 void block_cache_begin_frame(block_cache *cache) {
   cache->frame++;
-  cache->counts.frame_lookups = cache->counts.frame_decompressions = 0;
+  block_cache_counts *counts = &cache->counts;
+  counts->frame_lookups = counts->frame_hits = 0;
+  counts->frame_decompressions = counts->frame_decompressions_again = 0;
+}
+
+static cached_layer *layer_at(const block_cache *cache, uint32_t surface_index,
+                              uint32_t layer_index, uint32_t level) {
+  uint32_t number = cache->first_layer[surface_index] + layer_index;
+  assert(number < cache->first_layer[surface_index + 1] && level < LEVEL_COUNT);
+  return &cache->layers[LEVEL_COUNT * number + level];
 }
 
 block_source block_cache_layer(block_cache *cache, uint32_t surface_index, uint32_t layer_index) {
-  uint32_t number = cache->first_layer[surface_index] + layer_index;
-  assert(number < cache->first_layer[surface_index + 1]);
-  return (block_source){.fetch = fetch_blocks, .context = &cache->layers[number]};
+  return block_cache_level(cache, surface_index, layer_index, 0);
+}
+
+block_source block_cache_level(block_cache *cache, uint32_t surface_index, uint32_t layer_index,
+                               uint32_t level) {
+  if (level > 0 && cache->codes[CODES_COUNT - 1] == 0) {
+    for (int i = 0; i < 256; i++) cache->linear[i] = slf_linear_from_srgb((uint8_t)i);
+    for (int i = 0; i < CODES_COUNT; i++)
+      cache->codes[i] = slf_srgb_from_linear((float)i / (CODES_COUNT - 1));
+  }
+  return (block_source){.fetch = fetch_blocks,
+                        .context = layer_at(cache, surface_index, layer_index, level)};
 }
 
 const block_cache_counts *block_cache_get_counts(const block_cache *cache) {
@@ -265,11 +390,10 @@ size_t block_cache_nbytes(const block_cache *cache) {
 void block_cache_visit(const block_cache *cache, uint32_t surface_index, uint32_t layer_index,
                        void (*visit)(void *context, slf_block_address address, bool fresh),
                        void *context) {
-  uint32_t number = cache->first_layer[surface_index] + layer_index;
-  const cached_layer *layer = &cache->layers[number];
+  const cached_layer *layer = layer_at(cache, surface_index, layer_index, 0);
   for (size_t i = 0; i < cache->slot_count; i++) {
     uint64_t key = cache->slot_keys[i];
-    if (key == no_key || key >> 38 != number) continue;
+    if (key == no_key || key >> 38 != layer->key_base >> 38) continue;
     uint32_t block = (uint32_t)(key >> 16) & 0x3fffff;
     slf_block_address address = {.s = (uint16_t)(key >> 8 & 0xff),
                                  .t = (uint16_t)(key & 0xff),

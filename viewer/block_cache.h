@@ -7,12 +7,14 @@
  *
  * U-Blocks are sRGB codes; those of layers with SLF_CURVE_DWA are half floats.
  *
- * Memory: (N + 512) * (256 + 16) bytes (512 + 16 if the file has a layer with SLF_CURVE_DWA) and a
- * table of 16 bytes times the power of two from twice that number on. A cache belongs to one thread
- * at a time; several may share a slf_file. */
+ * Memory: (N + 512) * (256 + 16) bytes (512 + 16 if the file has a layer with SLF_CURVE_DWA), a
+ * table of 16 bytes times the power of two from twice that number on, and a bit for each C-Block of
+ * the file that was ever decompressed, in pages that are only touched then. A cache belongs to one
+ * thread at a time; several may share a slf_file. */
 #ifndef BLOCK_CACHE_H
 #define BLOCK_CACHE_H
 
+#include "angular_level.h"
 #include "block_source.h"
 #include "slf.h"
 
@@ -22,11 +24,15 @@ enum { BLOCK_CACHE_DEFAULT = 65536 };
 
 /* Counts since creation. */
 typedef struct {
-  uint64_t lookups;        /* blocks asked for */
-  uint64_t hits;           /* found decompressed */
-  uint64_t decompressions; /* not found; lookups = hits + decompressions */
-  uint64_t frame_lookups;  /* since block_cache_begin_frame */
+  uint64_t lookups; /* blocks asked for */
+  uint64_t hits;    /* found decompressed */
+  uint64_t
+      decompressions; /* C-Blocks: one for each that was not found, up to 16 at coarser levels */
+  uint64_t decompressions_again; /* of them, those that had been decompressed before */
+  uint64_t frame_lookups;        /* these since block_cache_begin_frame */
+  uint64_t frame_hits;
   uint64_t frame_decompressions;
+  uint64_t frame_decompressions_again;
 } block_cache_counts;
 
 typedef struct block_cache block_cache;
@@ -35,7 +41,7 @@ typedef struct block_cache block_cache;
 block_cache *block_cache_create(const slf_file *file, size_t capacity);
 void block_cache_free(block_cache *cache); /* accepts NULL */
 
-/* Forgets every block. */
+/* Forgets every block, but counts on. */
 void block_cache_clear(block_cache *cache);
 
 /* Marks the beginning of a frame, for the counts and the cache map. */
@@ -43,13 +49,16 @@ void block_cache_begin_frame(block_cache *cache);
 
 /* The blocks of one layer as a source; owned by the cache. The layer must exist. */
 block_source block_cache_layer(block_cache *cache, uint32_t surface_index, uint32_t layer_index);
+/* Those of a coarser angular level (angular_level.h), 0 .. ANGULAR_MAX_LEVEL. */
+block_source block_cache_level(block_cache *cache, uint32_t surface_index, uint32_t layer_index,
+                               uint32_t level);
 
 const block_cache_counts *block_cache_get_counts(const block_cache *cache);
 size_t block_cache_resident(const block_cache *cache); /* blocks held, pinned ones included */
 size_t block_cache_nbytes(const block_cache *cache);   /* memory, tables included */
 
-/* Calls visit for every resident block of a layer: figure 8, the cache map. fresh: decompressed in
- * this frame. */
+/* Calls visit for every resident block of a layer, not of its coarser levels: figure 8, the cache
+ * map. fresh: decompressed in this frame. */
 void block_cache_visit(const block_cache *cache, uint32_t surface_index, uint32_t layer_index,
                        void (*visit)(void *context, slf_block_address address, bool fresh),
                        void *context);

@@ -15,8 +15,9 @@
 
 typedef struct {
   GLuint texture;
-  bool matte;     /* made once */
-  texture texels; /* of a shiny layer */
+  bool matte; /* made once */
+  /* Of a shiny layer. by_depth.depth is NULL where the file has no heights. */
+  texture four_tap, by_depth, *shown;
 } drawn_layer;
 
 typedef struct {
@@ -30,6 +31,7 @@ typedef struct {
 
 struct drawing {
   const slf_file *file;
+  drawing_options options;
   block_cache *cache;
   drawn_surface *surfaces;
   uint32_t surface_count;
@@ -173,8 +175,8 @@ static void upload_texels(const drawn_layer *layer, const texture *x) {
   gl.PixelStorei(GL_UNPACK_ROW_LENGTH, 0);
 }
 
-/* A shiny layer starts without any texel made. */
-static void upload_nothing(const texture *x) {
+/* Gives the bound texture the size of x and what is in it, at first nothing. */
+static void upload_texels_anew(const texture *x) {
   for (uint32_t i = 0; i < x->level_count; i++) {
     const mipmap_level *level = &x->levels[i];
     gl.PixelStorei(GL_UNPACK_ROW_LENGTH, (GLint)(level->row_nbytes / 8));
@@ -246,22 +248,43 @@ static bool has_depth(const slf_surface *surface, uint32_t k, float scale[4]) {
          flat_texel_scale(&surface->mesh, shape->u_count, shape->v_count, scale);
 }
 
-static block_source source_of(const drawing *d, uint32_t index, uint32_t k,
-                              const drawing_options *o) {
+static block_source source_of(const drawing *d, uint32_t index, uint32_t k) {
+  const drawing_options *o = &d->options;
   return o->source ? o->source(o->source_context, index, k) : block_cache_layer(d->cache, index, k);
 }
 
-static bool create_depth_mixer(drawing *d, uint32_t index, uint32_t k, const slf_layer *drawn,
-                               const float scale[4], const drawing_options *o) {
-  const slf_layer *shape = &slf_get_surface(d->file, index)->layers[k];
-  texture *x = &d->surfaces[index].layers[k].texels;
-  x->depth =
-      depth_mixer_create(shape, source_of(d, index, k, o), shape + 1, source_of(d, index, k + 1, o),
-                         scale, drawn->u_count, drawn->v_count);
+/* The texture of a layer that has heights; it has more texels than the layer, see depth_mix.h. */
+static bool create_by_depth(drawing *d, uint32_t index, uint32_t k, const float scale[4]) {
+  const slf_surface *surface = slf_get_surface(d->file, index);
+  const slf_layer *shape = &surface->layers[k];
+  texture *x = &d->surfaces[index].layers[k].by_depth;
+  slf_layer drawn = *shape;
+  if (!(surface->flags & SLF_SURFACE_WATER)) drawn.u_count *= 2, drawn.v_count *= 2;
+  if (!texture_create(x, &surface->mesh, &drawn, source_of(d, index, k), d->options.dice_px))
+    return false;
+  x->depth = depth_mixer_create(shape, source_of(d, index, k), shape + 1,
+                                source_of(d, index, k + 1), scale, drawn.u_count, drawn.v_count);
   return x->depth;
 }
 
-static bool create_surface(drawing *d, uint32_t index, const drawing_options *o) {
+/* The look's mix and level of detail, for one shiny layer. */
+static void choose_texture(drawing *d, uint32_t index, uint32_t k) {
+  const slf_layer *shape = &slf_get_surface(d->file, index)->layers[k];
+  drawn_layer *layer = &d->surfaces[index].layers[k];
+  const uint32_t level = d->look.detail;
+  const bool deep = layer->by_depth.depth && d->look.mix == MIX_DEPTH && level == 0;
+  texture *chosen = deep ? &layer->by_depth : &layer->four_tap;
+  resampler_use_slices(layer->four_tap.resampler, angular_count(shape->s_count, level),
+                       angular_count(shape->t_count, level),
+                       level ? block_cache_level(d->cache, index, k, level)
+                             : source_of(d, index, k));
+  if (chosen == layer->shown) return;
+  layer->shown = chosen;
+  gl.BindTexture(GL_TEXTURE_2D, layer->texture);
+  upload_texels_anew(chosen);
+}
+
+static bool create_surface(drawing *d, uint32_t index) {
   const slf_surface *surface = slf_get_surface(d->file, index);
   drawn_surface *s = &d->surfaces[index];
   s->layers = calloc(surface->layer_count + (size_t)1, sizeof *s->layers);
@@ -278,15 +301,12 @@ static bool create_surface(drawing *d, uint32_t index, const drawing_options *o)
       if (!upload_matte(d, index, k, shape)) return false;
       continue;
     }
-    slf_layer drawn = *shape; /* its texels */
     float scale[4];
-    bool by_depth = o->mix == MIX_DEPTH && has_depth(surface, k, scale);
-    if (by_depth && !(surface->flags & SLF_SURFACE_WATER)) drawn.u_count *= 2, drawn.v_count *= 2;
-    if (!texture_create(&layer->texels, &surface->mesh, &drawn, source_of(d, index, k, o),
-                        o->dice_px))
+    if (!texture_create(&layer->four_tap, &surface->mesh, shape, source_of(d, index, k),
+                        d->options.dice_px))
       return false;
-    upload_nothing(&layer->texels);
-    if (by_depth && !create_depth_mixer(d, index, k, &drawn, scale, o)) return false;
+    if (has_depth(surface, k, scale) && !create_by_depth(d, index, k, scale)) return false;
+    choose_texture(d, index, k);
   }
   return true;
 }
@@ -319,6 +339,7 @@ slf_result drawing_create(const slf_file *file, drawing_options options, drawing
   drawing *d = calloc(1, sizeof *d);
   if (!d) return fail(error, SLF_ERROR_MEMORY, "out of memory");
   d->file = file;
+  d->options = options;
   d->look.anisotropic = true;
   d->most_anisotropic = 1;
   if (has_extension("GL_EXT_texture_filter_anisotropic"))
@@ -331,7 +352,7 @@ slf_result drawing_create(const slf_file *file, drawing_options options, drawing
   if (!d->cache || !d->surfaces) goto out_of_memory;
   d->surface_count = slf_surface_count(file);
   for (uint32_t i = 0; i < d->surface_count; i++)
-    if (!create_surface(d, i, &options)) goto out_of_memory;
+    if (!create_surface(d, i)) goto out_of_memory;
   for (uint32_t i = 0; i < d->surface_count; i++)
     if ((result = create_water(d, i, options.water_cells, error)) != SLF_OK) goto refused;
   bound_scene(d);
@@ -351,7 +372,8 @@ void drawing_free(drawing *d) {
     drawn_surface *s = &d->surfaces[i];
     for (uint32_t k = 0; k < s->layer_count; k++) {
       gl.DeleteTextures(1, &s->layers[k].texture);
-      texture_free(&s->layers[k].texels);
+      texture_free(&s->layers[k].four_tap);
+      texture_free(&s->layers[k].by_depth);
     }
     free(s->layers);
     water_free(s->water);
@@ -414,9 +436,18 @@ static double now_s(void) {
   return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
+static void add_depth_counts(depth_mix_counts *sum, const depth_mix_counts *before,
+                             const depth_mix_counts *after) {
+  sum->texel_count += after->texel_count - before->texel_count;
+  sum->foretold_count += after->foretold_count - before->foretold_count;
+  sum->wide_count += after->wide_count - before->wide_count;
+  sum->four_tap_count += after->four_tap_count - before->four_tap_count;
+}
+
 static void update_layer(drawing *d, drawn_layer *layer, water *w, direction_bend bend,
                          const camera *c) {
-  texture *x = &layer->texels;
+  texture *x = layer->shown;
+  const depth_mix_counts before = x->depth ? *depth_mixer_counts(x->depth) : (depth_mix_counts){0};
   double start_s = now_s();
   texture_update(x, c, bend);
   if (w) water_finish_frame(w, x->levels[0].texels, x->levels[0].row_nbytes);
@@ -426,6 +457,7 @@ static void update_layer(drawing *d, drawn_layer *layer, water *w, direction_ben
   d->cost.resample_s += made_s - start_s;
   d->cost.upload_s += now_s() - made_s;
   d->cost.texel_count += 64 * (size_t)x->made_count;
+  if (x->depth) add_depth_counts(&d->cost.depth, &before, depth_mixer_counts(x->depth));
 }
 
 /* Makes the shiny layers for the camera, unless they are made for it already. */
@@ -447,14 +479,21 @@ static void update_textures(drawing *d, const camera *c) {
 }
 
 void drawing_set_look(drawing *d, const drawing_look *look) {
-  if (look->detail != d->look.detail) d->textures_valid = false;
+  if (look->detail != d->look.detail || look->mix != d->look.mix) d->textures_valid = false;
   d->look = *look;
   for (uint32_t i = 0; i < d->surface_count; i++)
     for (uint32_t k = 0; k < d->surfaces[i].layer_count; k++) {
       drawn_layer *layer = &d->surfaces[i].layers[k];
       filter_texture(d, layer);
-      if (!layer->matte) resampler_set_detail(layer->texels.resampler, look->detail);
+      if (layer->shown) choose_texture(d, i, k);
     }
+}
+
+bool drawing_has_depth(const drawing *d) {
+  for (uint32_t i = 0; i < d->surface_count; i++)
+    for (uint32_t k = 0; k < d->surfaces[i].layer_count; k++)
+      if (d->surfaces[i].layers[k].by_depth.depth) return true;
+  return false;
 }
 
 drawing_look drawing_get_look(const drawing *d) {

@@ -15,7 +15,6 @@ typedef enum { MIX_DEPTH, MIX_FOUR_TAP } drawing_mix;
 
 typedef struct {
   size_t cache_blocks; /* N of the block cache */
-  drawing_mix mix;
   uint32_t dice_px;
   uint32_t water_cells; /* as in water_create */
   /* Where to get blocks instead of the cache, for measuring; NULL for the cache. */
@@ -28,14 +27,16 @@ typedef struct {
   float exposure_ev; /* radiance is multiplied by 2^exposure_ev */
   bool tone_map;     /* x / (1 + x), so that what is brighter than white stays distinct */
   bool anisotropic;  /* texture filter; trilinear if not. Software GL takes twice the time for it */
-  uint32_t detail;   /* angular level of detail, see resampler_set_detail */
+  uint32_t detail;   /* angular level of detail, 0 .. ANGULAR_MAX_LEVEL (angular_level.h) */
+  drawing_mix mix;   /* MIX_DEPTH holds at level 0: a mean over directions has no one depth */
 } drawing_look;
 
 /* What the latest frame cost, on this thread. */
 typedef struct {
   double resample_s,
-      upload_s;       /* (S,T), decompression, mix and mip levels; textures to the driver */
-  size_t texel_count; /* mixed, 0 if nothing had to be: the same view as before */
+      upload_s;           /* (S,T), decompression, mix and mip levels; textures to the driver */
+  size_t texel_count;     /* mixed, 0 if nothing had to be: the same view as before */
+  depth_mix_counts depth; /* of them, those mixed by depth */
 } drawing_cost;
 
 /* Uploads meshes and matte textures. *out is NULL on failure. The file must outlive it. */
@@ -43,7 +44,7 @@ slf_result drawing_create(const slf_file *file, drawing_options options, drawing
                           slf_error *error);
 void drawing_free(drawing *d); /* accepts NULL */
 
-/* From the next frame on; at first 0 EV, no tone mapping, anisotropic, level 0. */
+/* From the next frame on; at first 0 EV, no tone mapping, anisotropic, level 0, by depth. */
 void drawing_set_look(drawing *d, const drawing_look *look);
 drawing_look drawing_get_look(const drawing *d);
 
@@ -62,6 +63,8 @@ void drawing_show(drawing *d, int width_px, int height_px);
 block_cache *drawing_cache(drawing *d);
 const slf_file *drawing_file(const drawing *d);
 drawing_cost drawing_get_cost(const drawing *d);
+/* Whether some layer of the file has heights to mix by. */
+bool drawing_has_depth(const drawing *d);
 /* Whether the driver draws on the processor. */
 bool drawing_is_software(const drawing *d);
 

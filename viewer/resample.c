@@ -36,10 +36,7 @@ typedef struct {
 } note;
 
 struct resampler {
-  uint32_t all_s_count, all_t_count;          /* of the light field */
-  uint32_t s_count, t_count;                  /* of the slices in use, see resampler_set_detail */
-  float s_scale, t_scale, s_offset, t_offset; /* slice s_scale (s + 1) - s_offset, s in [-1,1] */
-  slice_index *slice_of;                      /* the slice of (i,j) in use, i * t_count + j */
+  uint32_t s_count, t_count, most_s_count, most_t_count;
   block_source source;
   u_block_format format;
   resample_kernel kernel;
@@ -49,7 +46,7 @@ struct resampler {
   int latest;
   bool has_pending;
   uint32_t stamp;
-  note *cells, *slices; /* s_count * t_count each: what the block taken in has asked for so far */
+  note *cells, *slices; /* of each slice: what the block taken in has asked for so far */
 };
 
 /* ---- Display code to linear light, linear light to half ----------------------------------------
@@ -80,6 +77,7 @@ static const float rim = 0.9999f;
 /* Compiled twice, for plain and for vector code; no contraction, so both round alike. */
 INLINE void place_texels(const resampler *r, const block_directions *d, pending_block *p) {
   float s_last = (float)(r->s_count - 1), t_last = (float)(r->t_count - 1);
+  float s_scale = 0.5f * (float)r->s_count, t_scale = 0.5f * (float)r->t_count;
   int i_last = r->s_count > 1 ? (int)r->s_count - 2 : 0;
   int j_last = r->t_count > 1 ? (int)r->t_count - 2 : 0, t_count = (int)r->t_count;
   /* Half of s and t of eq. 1, so that no finite S or T overflows. */
@@ -106,8 +104,7 @@ INLINE void place_texels(const resampler *r, const block_directions *d, pending_
       t[k] *= pull;
     }
   for (int k = 0; k < 64; k++) {
-    float x = (2 * s[k] + 1) * r->s_scale - r->s_offset;
-    float y = (2 * t[k] + 1) * r->t_scale - r->t_offset;
+    float x = (2 * s[k] + 1) * s_scale - 0.5f, y = (2 * t[k] + 1) * t_scale - 0.5f;
     x = x > 0 ? x : 0;
     y = y > 0 ? y : 0;
     x = x < s_last ? x : s_last;
@@ -153,7 +150,7 @@ INLINE uint8_t number_slice(resampler *r, slice_index *slices, size_t *count, ui
   note *n = &r->slices[i * r->t_count + j];
   if (n->stamp != r->stamp) {
     *n = (note){.stamp = r->stamp, .number = (uint32_t)*count};
-    slices[(*count)++] = r->slice_of[i * r->t_count + j];
+    slices[(*count)++] = (slice_index)(i << 8 | j);
   }
   return (uint8_t)n->number;
 }
@@ -170,8 +167,8 @@ static void find_taps(resampler *r, uint32_t block_u, uint32_t block_v, pending_
   if (p->mask == 0) return;
   if (~p->mask) skip_unwanted(p);
   if (++r->stamp == 0) { /* once in 2^32 blocks */
-    memset(r->cells, 0, (size_t)r->all_s_count * r->all_t_count * sizeof *r->cells);
-    memset(r->slices, 0, (size_t)r->all_s_count * r->all_t_count * sizeof *r->slices);
+    memset(r->cells, 0, (size_t)r->most_s_count * r->most_t_count * sizeof *r->cells);
+    memset(r->slices, 0, (size_t)r->most_s_count * r->most_t_count * sizeof *r->slices);
     r->stamp = 1;
   }
   p->starts = find_starts(p->cell);
@@ -350,58 +347,31 @@ resampler *resampler_create(uint32_t s_count, uint32_t t_count, block_source sou
   assert(t_count >= 1 && t_count <= SLF_MAX_DIRECTIONS);
   resampler *r = calloc(1, sizeof *r);
   if (!r) return NULL;
-  r->all_s_count = s_count;
-  r->all_t_count = t_count;
-  r->source = source;
+  r->most_s_count = s_count;
+  r->most_t_count = t_count;
   r->cells = calloc((size_t)s_count * t_count, sizeof *r->cells);
   r->slices = calloc((size_t)s_count * t_count, sizeof *r->slices);
-  r->slice_of = calloc((size_t)s_count * t_count, sizeof *r->slice_of);
-  if (!r->cells || !r->slices || !r->slice_of) {
+  if (!r->cells || !r->slices) {
     resampler_free(r);
     return NULL;
   }
   resampler_use_kernel(r, RESAMPLE_BEST);
-  resampler_set_detail(r, 0);
+  resampler_use_slices(r, s_count, t_count, source);
   return r;
 }
 
-/* One axis of the slices in use: every step-th, in the middle of its step. */
-static uint32_t first_slice(uint32_t step, uint32_t count) {
-  uint32_t middle = (step - 1) / 2;
-  return middle < count ? middle : count / 2;
-}
-
-/* The slice at (i,j), or the nearest towards the middle that is stored. */
-static slice_index stored_slice(const resampler *r, uint32_t i, uint32_t j) {
-  while (!slf_slice_exists(r->all_s_count, r->all_t_count, i, j)) {
-    int off_i = 2 * (int)i + 1 - (int)r->all_s_count, off_j = 2 * (int)j + 1 - (int)r->all_t_count;
-    if (abs(off_i) >= abs(off_j))
-      i += off_i > 0 ? -1u : 1u;
-    else
-      j += off_j > 0 ? -1u : 1u;
-  }
-  return (slice_index)(i << 8 | j);
-}
-
-void resampler_set_detail(resampler *r, uint32_t level) {
-  uint32_t step = 1u << (level < 8 ? level : 8);
-  uint32_t first_i = first_slice(step, r->all_s_count), first_j = first_slice(step, r->all_t_count);
-  r->s_count = (r->all_s_count - 1 - first_i) / step + 1;
-  r->t_count = (r->all_t_count - 1 - first_j) / step + 1;
-  r->s_scale = 0.5f * (float)r->all_s_count / (float)step;
-  r->t_scale = 0.5f * (float)r->all_t_count / (float)step;
-  r->s_offset = ((float)first_i + 0.5f) / (float)step;
-  r->t_offset = ((float)first_j + 0.5f) / (float)step;
-  for (uint32_t i = 0; i < r->s_count; i++)
-    for (uint32_t j = 0; j < r->t_count; j++)
-      r->slice_of[i * r->t_count + j] = stored_slice(r, first_i + i * step, first_j + j * step);
+void resampler_use_slices(resampler *r, uint32_t s_count, uint32_t t_count, block_source source) {
+  assert(s_count >= 1 && s_count <= r->most_s_count);
+  assert(t_count >= 1 && t_count <= r->most_t_count);
+  r->s_count = s_count;
+  r->t_count = t_count;
+  r->source = source;
 }
 
 void resampler_free(resampler *r) {
   if (!r) return;
   free(r->cells);
   free(r->slices);
-  free(r->slice_of);
   free(r);
 }
 

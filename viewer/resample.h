@@ -41,9 +41,9 @@ void resampler_free(resampler *r); /* accepts NULL */
 /* What the source's U-Blocks hold; U_BLOCK_CODES at first. */
 void resampler_use_format(resampler *r, u_block_format format);
 
-/* Angular level of detail: 0 reads every slice, level l every 2^l-th along each axis, down to the
- * one in the middle, with which the surface looks matte. */
-void resampler_set_detail(resampler *r, uint32_t level);
+/* From the next block on, another light field of the same texels: a level of detail with fewer
+ * directions (angular_level.h). At most as many as at creation. */
+void resampler_use_slices(resampler *r, uint32_t s_count, uint32_t t_count, block_source source);
 
 /* Takes in a block of texels, copying *directions, and writes the one taken in before. `out` is 8
  * rows of 8 texels R G B A, rows row_nbytes apart, linear radiance as IEEE half floats, A = 1; it

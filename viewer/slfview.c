@@ -261,7 +261,7 @@ static int read_options(int argc, char **argv, options *o) {
     case MIX:
       if (strcmp(optarg, "depth") && strcmp(optarg, "four-tap"))
         return misuse("mix", optarg, "depth or four-tap");
-      o->drawing.mix = optarg[0] == 'd' ? MIX_DEPTH : MIX_FOUR_TAP;
+      o->look.mix = optarg[0] == 'd' ? MIX_DEPTH : MIX_FOUR_TAP;
       break;
     case DICE:
       if (!read_count(optarg, 1, SLF_MAX_TEXELS, &count))

@@ -114,7 +114,7 @@ static void test_any_capacity_gives_the_same_bytes(void **state) {
   (void)state;
   static const size_t capacities[] = {0, 1, 3, 4, 5, 100, 1000, 65536};
   uint8_t *reference = malloc(PICTURE_NBYTES), *picture = malloc(PICTURE_NBYTES);
-  uint64_t lookups = 0, fewest = UINT64_MAX;
+  uint64_t lookups = 0, fewest = UINT64_MAX, distinct = 0, again = 0;
   for (size_t i = 0; i < sizeof capacities / sizeof *capacities; i++) {
     size_t resident;
     block_cache_counts counts = fly(capacities[i], i ? picture : reference, &resident);
@@ -131,7 +131,12 @@ static void test_any_capacity_gives_the_same_bytes(void **state) {
     fewest = counts.decompressions;
     /* A cache that holds nothing decompresses each block of each frame once, and no more. */
     if (i == 0) assert_int_equal(counts.decompressions, counts.lookups);
+    /* Blocks that were decompressed at all are the same ones; the largest cache did none twice. */
+    again = counts.decompressions_again;
+    if (i == 0) distinct = counts.decompressions - again;
+    assert_int_equal(counts.decompressions - again, distinct);
   }
+  assert_int_equal(again, 0);
   /* The largest holds all: frames 2 k and 2 k + 1 are the same, so half of all look-ups hit. */
   assert_true(fewest * 2 <= lookups);
   free(reference);
@@ -267,6 +272,102 @@ static void test_flight(void **state) {
   block_cache_free(cache);
 }
 
+/* ---- Angular levels ----------------------------------------------------------------------------
+ */
+
+/* Whether slice x of count lies in share i of n, [i count / n, (i + 1) count / n) rounded. */
+static bool in_share(uint32_t x, uint32_t count, uint32_t i, uint32_t n) {
+  return x >= lround((double)i * count / n) && x < lround((i + 1.0) * count / n);
+}
+
+/* The slices that stand for a coarser one are stored, of its own share of the axes where one there
+ * is, and no slice stands for two. Down to shares of 4 slices every stored one is in the mean. */
+static void test_samples_of_a_level(void **state) {
+  (void)state;
+  static const uint32_t counts[][2] = {{1, 1},   {1, 7},   {4, 4},   {5, 12},   {12, 12},
+                                       {13, 16}, {16, 16}, {64, 64}, {100, 37}, {256, 256}};
+  for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
+    for (uint32_t level = 0; level <= ANGULAR_MAX_LEVEL; level++) {
+      uint32_t s_count = counts[n][0], t_count = counts[n][1];
+      uint32_t coarse_s = angular_count(s_count, level), coarse_t = angular_count(t_count, level);
+      uint8_t *used = calloc((size_t)s_count * t_count, 1);
+      size_t stored = 0, taken = 0;
+      if (level == ANGULAR_MAX_LEVEL) assert_true(coarse_s == 1 && coarse_t == 1);
+      for (uint32_t i = 0; i < coarse_s; i++)
+        for (uint32_t j = 0; j < coarse_t; j++) {
+          slice_index samples[ANGULAR_MAX_SAMPLES];
+          size_t count =
+              angular_samples(s_count, t_count, level, (slice_index)(i << 8 | j), samples);
+          assert_true(count >= 1 && count <= ANGULAR_MAX_SAMPLES);
+          for (size_t k = 0; k < count; k++) {
+            uint32_t s = samples[k] >> 8, t = samples[k] & 0xff;
+            assert_true(slf_slice_exists(s_count, t_count, s, t));
+            bool own = in_share(s, s_count, i, coarse_s) && in_share(t, t_count, j, coarse_t);
+            assert_true(own || count == 1);
+            if (!own) continue;
+            assert_int_equal(used[s * t_count + t], 0);
+            used[s * t_count + t] = 1;
+            taken++;
+          }
+        }
+      for (uint32_t s = 0; s < s_count; s++)
+        for (uint32_t t = 0; t < t_count; t++) stored += slf_slice_exists(s_count, t_count, s, t);
+      if (s_count <= 4 * coarse_s && t_count <= 4 * coarse_t) assert_int_equal(taken, stored);
+      free(used);
+    }
+}
+
+static void test_a_level_is_the_mean(void **state) {
+  (void)state;
+  for (uint32_t level = 1; level <= 4; level++) {
+    block_cache *cache = block_cache_create(file, 1000);
+    block_source source = block_cache_level(cache, 0, 0, level);
+    uint32_t coarse = angular_count(DIRECTIONS, level);
+    for (uint32_t i = 0; i < coarse * coarse; i++) {
+      slice_index slice = (slice_index)(i / coarse << 8 | i % coarse);
+      slice_index samples[ANGULAR_MAX_SAMPLES];
+      size_t count = angular_samples(DIRECTIONS, DIRECTIONS, level, slice, samples);
+      const uint8_t *mean;
+      double sum[256] = {0};
+      uint64_t before = block_cache_get_counts(cache)->decompressions;
+      source.fetch(source.context, 2, 3, &slice, 1, &mean);
+      assert_int_equal(block_cache_get_counts(cache)->decompressions - before, count);
+      for (size_t k = 0; k < count; k++) {
+        uint8_t block[SLF_BLOCK_NBYTES];
+        slf_decode_block(file, 0, 0, (slf_block_address){samples[k] >> 8, samples[k] & 0xff, 2, 3},
+                         block);
+        for (int c = 0; c < 256; c++) sum[c] += slf_linear_from_srgb(block[c]);
+      }
+      /* Rounded to a code, which is looked up in steps of at most 1/5 code. */
+      for (int c = 0; c < 256; c++) {
+        double code = slf_srgb_from_linear((float)(sum[c] / (double)count));
+        assert_true(c % 4 == 3 || fabs(mean[c] - code) <= 1);
+      }
+      source.fetch(source.context, 2, 3, &slice, 1, &mean); /* it is kept */
+      assert_int_equal(block_cache_get_counts(cache)->decompressions - before, count);
+    }
+    block_cache_free(cache);
+  }
+}
+
+/* One slice looks the same from everywhere. */
+static void test_the_coarsest_level_is_matte(void **state) {
+  (void)state;
+  block_cache *cache = block_cache_create(file, 1000);
+  resampler *r = resampler_create(DIRECTIONS, DIRECTIONS, block_cache_layer(cache, 0, 0));
+  resampler_use_slices(r, 1, 1, block_cache_level(cache, 0, 0, 4));
+  uint16_t first[256], out[256];
+  for (int i = 0; i < 50; i++) {
+    block_directions d = {.mask = ~(uint64_t)0};
+    for (int k = 0; k < 64; k++) d.s[k] = (float)(i % 7) / 6, d.t[k] = (float)(k + i) / 113;
+    resample_block(r, 1, 1, &d, i ? out : first, 64);
+    resample_flush(r);
+    if (i) assert_memory_equal(out, first, sizeof out);
+  }
+  resampler_free(r);
+  block_cache_free(cache);
+}
+
 /* Radiance far above white: what is mixed is what the file holds, to a half float's rounding. */
 static slf_result read_bright(void *context, uint32_t s_index, uint32_t t_index, float *rgb,
                               slf_error *error) {
@@ -335,6 +436,9 @@ int main(void) {
       cmocka_unit_test(test_any_capacity_gives_the_same_bytes),
       cmocka_unit_test(test_counts_of_a_frame_and_the_map),
       cmocka_unit_test(test_random_fetches),
+      cmocka_unit_test(test_samples_of_a_level),
+      cmocka_unit_test(test_a_level_is_the_mean),
+      cmocka_unit_test(test_the_coarsest_level_is_matte),
       cmocka_unit_test(test_flight),
       cmocka_unit_test(test_hdr),
   };
