@@ -147,7 +147,7 @@ static void write_layer(const char *folder, const surface *self, uint32_t rays, 
   bool hdr = self->hdr && role != SLF_ROLE_HEIGHT;
   slf_layer_options options = {.role = role,
                                .curve = hdr ? SLF_CURVE_DWA : SLF_CURVE_SRGB,
-                               .angular = SLF_ANGULAR_NONE,
+                               .angular = SLF_ANGULAR_LAYERED,
                                .u_count = self->u_count,
                                .v_count = self->v_count,
                                .s_count = self->s_count,

@@ -37,8 +37,9 @@ static slf_result read_chunk_table(slf_file *file, slf_error *error) {
     return slf_fail(error, SLF_ERROR_FORMAT, "%s: not a .slf file (%" PRIu64 " bytes)", file->name,
                     file->nbytes);
   if (get_u16(p + 8) != VERSION_MAJOR)
-    return slf_fail(error, SLF_ERROR_FORMAT, "%s: version %u.%u, this library reads %d.x",
-                    file->name, get_u16(p + 8), get_u16(p + 10), VERSION_MAJOR);
+    return slf_fail(error, SLF_ERROR_FORMAT,
+                    "%s: format version %u.%u, this library reads %d.x: make it again", file->name,
+                    get_u16(p + 8), get_u16(p + 10), VERSION_MAJOR);
   if (slf_crc32(p, 28) != get_u32(p + 28))
     return slf_fail(error, SLF_ERROR_CHECKSUM, "%s: header: checksum %08x, expected %08x",
                     file->name, slf_crc32(p, 28), get_u32(p + 28));

@@ -507,6 +507,26 @@ static void encoding_again_is_stable(void **state) {
   slf_close(first.file);
 }
 
+/* A file of an older layout must not be read as one of today's. */
+static void other_versions_are_refused(void **state) {
+  (void)state;
+  slf_error error;
+  slf_file *file;
+  size_t nbytes;
+  const analytic field = {8, 8, 1, 1, 0};
+  write_file(&field, 75, SLF_ANGULAR_NONE);
+  uint8_t *bytes = read_bytes(&nbytes);
+  for (int change = -1; change <= 1; change += 2) {
+    uint8_t version = bytes[8];
+    bytes[8] = (uint8_t)(version + change);
+    assert_int_equal(slf_open_memory(bytes, nbytes, "old", &file, &error), SLF_ERROR_FORMAT);
+    assert_null(file);
+    assert_non_null(strstr(error.message, "old: format version"));
+    bytes[8] = version;
+  }
+  free(bytes);
+}
+
 static void nothing_is_seen_before_the_end(void **state) {
   (void)state;
   unlink(path);
@@ -537,6 +557,7 @@ int main(void) {
                                      cmocka_unit_test(hdr_comes_back),
                                      cmocka_unit_test(flat_blocks_are_exact),
                                      cmocka_unit_test(encoding_again_is_stable),
+                                     cmocka_unit_test(other_versions_are_refused),
                                      cmocka_unit_test(nothing_is_seen_before_the_end)};
   return cmocka_run_group_tests_name("codec_file", tests, make_path, remove_path);
 }
