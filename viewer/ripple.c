@@ -19,7 +19,7 @@ enum { SPLINE_REACH = 2 };
 /* The factors of one tridiagonal matrix: forward y_i = x_i pivot_i + below_i y_{i-1}, backward
  * x_i = y_i + below_i x_{i+1}. Off-diagonals are all -a, hence below_i = a pivot_i in both. */
 typedef struct {
-  float *pivot, *below;
+  double *pivot, *below;
 } factors;
 
 typedef struct {
@@ -32,17 +32,17 @@ typedef struct {
 
 struct ripple {
   ripple_options options;
-  size_t stride; /* floats from row to row; the last column is never open, so that the left
+  size_t stride; /* numbers from row to row; the last column is never open, so that the left
                     neighbour of column 0 is a closed cell of the row above */
   size_t cell_count;
-  float spacing_u, spacing_v;
-  float r_u, r_v, tau, friction, border_u, border_v; /* g, and sqrt(r) at absorbing borders */
+  double spacing_u, spacing_v;
+  double r_u, r_v, tau, friction, border_u, border_v; /* g, and sqrt(r) at absorbing borders */
   factors along_u, along_v;
 
   /* Planes of v_count rows, with a closed row of zeros above and below. */
-  float *height, *velocity, *open, *change;
-  float *tile, *strip; /* LANES rows while they are solved along u */
-  float *spline_row;   /* two rows of a texel row's spline, with their reach */
+  double *height, *velocity, *open, *change;
+  double *tile, *strip; /* LANES rows while they are solved along u */
+  float *spline_row;    /* two rows of a texel row's spline, with their reach */
   shore *shores;
   size_t shore_count;
   size_t open_count;
@@ -50,7 +50,7 @@ struct ripple {
 
   /* Of the last step, and disturbances since: sums of h and v, the largest |h| and |v|. */
   double height_sum, velocity_sum;
-  float height_peak, velocity_peak;
+  double height_peak, velocity_peak;
 
   double backlog_s;
   float rain_per_step;
@@ -95,7 +95,7 @@ static void restore_denormals(uint64_t mode) {
 /* ---- The step ----------------------------------------------------------------------------------
  */
 
-static inline float larger(float a, float b) {
+static inline double larger(double a, double b) {
   return a > b ? a : b;
 }
 
@@ -103,18 +103,18 @@ static inline float larger(float a, float b) {
  * flux through them zero without a special case. `drift` is the mean of v, zero but for rounding:
  * M leaves constants as they are, so here is where taking it out costs least. */
 static inline __attribute__((always_inline)) void
-right_hand_side(const ripple *pond, size_t row, float drift, float *restrict out) {
+right_hand_side(const ripple *pond, size_t row, double drift, double *restrict out) {
   const size_t stride = pond->stride, start = row * stride;
-  const float *restrict h = pond->height + start, *restrict v = pond->velocity + start;
-  const float *restrict open = pond->open + start;
-  const float r_u = pond->r_u, r_v = pond->r_v, tau = pond->tau, friction = pond->friction;
+  const double *restrict h = pond->height + start, *restrict v = pond->velocity + start;
+  const double *restrict open = pond->open + start;
+  const double r_u = pond->r_u, r_v = pond->r_v, tau = pond->tau, friction = pond->friction;
   for (size_t i = 0; i < stride; i++) {
     const ptrdiff_t at = (ptrdiff_t)i, up = at - (ptrdiff_t)stride, down = at + (ptrdiff_t)stride;
-    const float level = h[at] + tau * v[at];
-    const float west = open[at - 1] * (level - (h[at - 1] + tau * v[at - 1]));
-    const float east = open[at + 1] * (level - (h[at + 1] + tau * v[at + 1]));
-    const float north = open[up] * (level - (h[up] + tau * v[up]));
-    const float south = open[down] * (level - (h[down] + tau * v[down]));
+    const double level = h[at] + tau * v[at];
+    const double west = open[at - 1] * (level - (h[at - 1] + tau * v[at - 1]));
+    const double east = open[at + 1] * (level - (h[at + 1] + tau * v[at + 1]));
+    const double north = open[up] * (level - (h[up] + tau * v[up]));
+    const double south = open[down] * (level - (h[down] + tau * v[down]));
     out[i] = open[at] * (r_u * (west + east) + r_v * (north + south)) + friction * v[at] + drift;
   }
   const size_t last = pond->options.u_count - 1;
@@ -126,12 +126,12 @@ right_hand_side(const ripple *pond, size_t row, float drift, float *restrict out
 
 /* LANES rows at once: the recursion runs along u, and what is independent lies side by side. */
 static inline __attribute__((always_inline)) void solve_along_u(ripple *pond, size_t first_row,
-                                                                float drift) {
+                                                                double drift) {
   const size_t stride = pond->stride, u_count = pond->options.u_count;
   const size_t rows = pond->options.v_count - first_row;
   const size_t row_count = rows < LANES ? rows : LANES;
-  float *restrict tile = pond->tile, *restrict strip = pond->strip;
-  const float *restrict pivot = pond->along_u.pivot, *restrict below = pond->along_u.below;
+  double *restrict tile = pond->tile, *restrict strip = pond->strip;
+  const double *restrict pivot = pond->along_u.pivot, *restrict below = pond->along_u.below;
 
   for (size_t j = 0; j < row_count; j++)
     right_hand_side(pond, first_row + j, drift, tile + j * stride);
@@ -140,28 +140,28 @@ static inline __attribute__((always_inline)) void solve_along_u(ripple *pond, si
 
   for (size_t j = 0; j < LANES; j++) strip[j] *= pivot[0];
   for (size_t i = 1; i < u_count; i++) {
-    float *restrict y = strip + i * LANES;
+    double *restrict y = strip + i * LANES;
     for (size_t j = 0; j < LANES; j++)
       y[j] = y[j] * pivot[i] + below[i] * strip[(i - 1) * LANES + j];
   }
   for (size_t i = u_count - 1; i-- > 0;) {
-    float *restrict y = strip + i * LANES;
+    double *restrict y = strip + i * LANES;
     for (size_t j = 0; j < LANES; j++) y[j] += below[i] * strip[(i + 1) * LANES + j];
   }
 
-  float *restrict change = pond->change + first_row * stride;
+  double *restrict change = pond->change + first_row * stride;
   for (size_t j = 0; j < row_count; j++)
     for (size_t i = 0; i < u_count; i++) change[j * stride + i] = strip[i * LANES + j];
 }
 
 static inline __attribute__((always_inline)) void forward_along_v(ripple *pond) {
   const size_t stride = pond->stride;
-  const float *restrict pivot = pond->along_v.pivot, *restrict below = pond->along_v.below;
-  float *restrict first = pond->change;
+  const double *restrict pivot = pond->along_v.pivot, *restrict below = pond->along_v.below;
+  double *restrict first = pond->change;
   for (size_t i = 0; i < stride; i++) first[i] *= pivot[0];
   for (size_t j = 1; j < pond->options.v_count; j++) {
-    float *restrict y = pond->change + j * stride;
-    const float *restrict above = y - stride;
+    double *restrict y = pond->change + j * stride;
+    const double *restrict above = y - stride;
     for (size_t i = 0; i < stride; i++) y[i] = y[i] * pivot[j] + below[j] * above[i];
   }
 }
@@ -170,28 +170,28 @@ static inline __attribute__((always_inline)) void forward_along_v(ripple *pond) 
  * and the last bit, is the same however wide the processor's vectors are. */
 static inline __attribute__((always_inline)) void backward_along_v(ripple *pond) {
   const size_t stride = pond->stride, v_count = pond->options.v_count;
-  const float *restrict below = pond->along_v.below;
+  const double *restrict below = pond->along_v.below;
   double height_sum = 0, velocity_sum = 0;
-  float height_peak[LANES] = {0}, velocity_peak[LANES] = {0};
+  double height_peak[LANES] = {0}, velocity_peak[LANES] = {0};
   for (size_t j = v_count; j-- > 0;) {
-    float *restrict change = pond->change + j * stride;
-    float *restrict h = pond->height + j * stride, *restrict v = pond->velocity + j * stride;
-    const float *restrict open = pond->open + j * stride;
+    double *restrict change = pond->change + j * stride;
+    double *restrict h = pond->height + j * stride, *restrict v = pond->velocity + j * stride;
+    const double *restrict open = pond->open + j * stride;
     if (j + 1 < v_count) {
-      const float *restrict next = change + stride;
+      const double *restrict next = change + stride;
       for (size_t i = 0; i < stride; i++) change[i] += below[j] * next[i];
     }
-    float row_height[LANES] = {0}, row_velocity[LANES] = {0};
+    double row_height[LANES] = {0}, row_velocity[LANES] = {0};
     for (size_t i = 0; i < stride; i += LANES)
       for (size_t k = 0; k < LANES; k++) {
-        const float moved = v[i + k] - change[i + k];
-        const float raised = open[i + k] * (h[i + k] + moved);
+        const double moved = v[i + k] - change[i + k];
+        const double raised = open[i + k] * (h[i + k] + moved);
         v[i + k] = moved;
         h[i + k] = raised;
         row_velocity[k] += moved;
         row_height[k] += raised;
-        velocity_peak[k] = larger(velocity_peak[k], fabsf(moved));
-        height_peak[k] = larger(height_peak[k], fabsf(raised));
+        velocity_peak[k] = larger(velocity_peak[k], fabs(moved));
+        height_peak[k] = larger(height_peak[k], fabs(raised));
       }
     for (size_t k = 0; k < LANES; k++) {
       velocity_sum += row_velocity[k];
@@ -209,7 +209,7 @@ static inline __attribute__((always_inline)) void backward_along_v(ripple *pond)
 
 static inline __attribute__((always_inline)) void step_any(ripple *pond) {
   const bool closed = pond->options.border == RIPPLE_REFLECTING;
-  const float drift = closed ? (float)(pond->velocity_sum / (double)pond->cell_count) : 0;
+  const double drift = closed ? (pond->velocity_sum / (double)pond->cell_count) : 0;
   for (size_t row = 0; row < pond->options.v_count; row += LANES) solve_along_u(pond, row, drift);
   forward_along_v(pond);
   backward_along_v(pond);
@@ -239,7 +239,7 @@ static size_t plane_count(const ripple *pond) {
   return pond->stride * pond->options.v_count;
 }
 
-static void scale_plane(float *plane, size_t count, float scale) {
+static void scale_plane(double *plane, size_t count, double scale) {
   for (size_t i = 0; i < count; i++) plane[i] *= scale;
 }
 
@@ -247,14 +247,13 @@ static void scale_plane(float *plane, size_t count, float scale) {
  * open: there it flows in and out by itself. */
 static void keep_level(ripple *pond) {
   const double mean = pond->height_sum / (double)pond->open_count;
-  if (pond->options.border == RIPPLE_ABSORBING || fabs(mean) <= 0x1p-24 * pond->height_peak) return;
-  const float level = (float)mean;
+  if (pond->options.border == RIPPLE_ABSORBING || fabs(mean) <= 0x1p-40 * pond->height_peak) return;
   double sum = 0;
-  float highest = 0;
+  double highest = 0;
   for (size_t at = 0; at < plane_count(pond); at++) {
-    pond->height[at] = pond->open[at] * (pond->height[at] - level);
+    pond->height[at] = pond->open[at] * (pond->height[at] - mean);
     sum += pond->height[at];
-    highest = larger(highest, fabsf(pond->height[at]));
+    highest = larger(highest, fabs(pond->height[at]));
   }
   pond->height_sum = sum;
   pond->height_peak = highest;
@@ -262,7 +261,7 @@ static void keep_level(ripple *pond) {
 
 static void limit_height(ripple *pond) {
   if (pond->height_peak <= pond->options.height_limit) return;
-  const float scale = pond->options.height_limit / pond->height_peak;
+  const double scale = pond->options.height_limit / pond->height_peak;
   scale_plane(pond->height, plane_count(pond), scale);
   scale_plane(pond->velocity, plane_count(pond), scale);
   pond->height_sum *= scale;
@@ -272,8 +271,8 @@ static void limit_height(ripple *pond) {
 }
 
 static void come_to_rest(ripple *pond) {
-  memset(pond->height, 0, plane_count(pond) * sizeof(float));
-  memset(pond->velocity, 0, plane_count(pond) * sizeof(float));
+  memset(pond->height, 0, plane_count(pond) * sizeof *pond->height);
+  memset(pond->velocity, 0, plane_count(pond) * sizeof(double));
   pond->height_sum = pond->velocity_sum = 0;
   pond->height_peak = pond->velocity_peak = 0;
   pond->calm = true;
@@ -307,7 +306,7 @@ void ripple_step(ripple *pond) {
   step_fastest(pond);
   if (!pond->keep_denormals) restore_denormals(mode);
   keep_level(pond);
-  const float calm = RIPPLE_CALM_SLOPE * fminf(pond->spacing_u, pond->spacing_v);
+  const double calm = RIPPLE_CALM_SLOPE * fmin(pond->spacing_u, pond->spacing_v);
   if (pond->height_peak < calm && pond->velocity_peak < calm) come_to_rest(pond);
 }
 
@@ -368,7 +367,7 @@ static slf_result check_options(const ripple_options *options, slf_error *error)
       return refuse(error, numbers[i].name, value,
                     numbers[i].zero_allowed ? "a number of at least 0" : "a number above 0");
   }
-  /* Beyond this Courant number float32 has no digits left of 1 in 1 + 2a. */
+  /* So that rounding stays below 3e-9 of the energy a step: see Rounding in ripple.h. */
   const double way = (double)options->wave_speed * options->step_s;
   const double courant =
       fmax(way * options->u_count / options->u_length, way * options->v_count / options->v_length);
@@ -387,8 +386,8 @@ static void factorise(factors *f, size_t n, double a, double b) {
       const double diagonal = i + 1 < n ? 1 + 2 * a : 1 + a + b;
       pivot = 1 / (diagonal - a * a * pivot);
     }
-    f->pivot[i] = (float)pivot;
-    f->below[i] = (float)(a * pivot);
+    f->pivot[i] = pivot;
+    f->below[i] = a * pivot;
   }
 }
 
@@ -398,12 +397,12 @@ static void set_coefficients(ripple *pond) {
   const double courant_u = way / pond->spacing_u, courant_v = way / pond->spacing_v;
   const double tau = o->viscosity / (o->wave_speed * way);
   const bool absorbing = o->border == RIPPLE_ABSORBING;
-  pond->r_u = (float)(courant_u * courant_u);
-  pond->r_v = (float)(courant_v * courant_v);
-  pond->tau = (float)tau;
-  pond->friction = (float)-expm1(-(double)o->damping_per_s * o->step_s);
-  pond->border_u = absorbing ? (float)courant_u : 0;
-  pond->border_v = absorbing ? (float)courant_v : 0;
+  pond->r_u = courant_u * courant_u;
+  pond->r_v = courant_v * courant_v;
+  pond->tau = tau;
+  pond->friction = -expm1(-(double)o->damping_per_s * o->step_s);
+  pond->border_u = absorbing ? courant_u : 0;
+  pond->border_v = absorbing ? courant_v : 0;
   factorise(&pond->along_u, o->u_count, pond->r_u * (0.25 + 0.5 * tau), pond->border_u / 2);
   factorise(&pond->along_v, o->v_count, pond->r_v * (0.25 + 0.5 * tau), pond->border_v / 2);
 }
@@ -416,12 +415,12 @@ slf_result ripple_create(const ripple_options *options, ripple **out, slf_error 
   const size_t u_count = options->u_count, v_count = options->v_count;
   const size_t stride = (u_count + LANES) / LANES * LANES; /* at least one column stays closed */
   const size_t plane = (v_count + 2) * stride;
-  const size_t spline = 2 * (u_count + 2 * SPLINE_REACH);
-  const size_t float_count = 4 * plane + 2 * LANES * stride + 2 * (u_count + v_count) + spline;
+  const size_t number_count = 4 * plane + 2 * LANES * stride + 2 * (u_count + v_count);
   ripple *pond = calloc(1, sizeof *pond);
-  if (pond) pond->memory = calloc(float_count, sizeof(float));
+  if (pond) pond->memory = calloc(number_count, sizeof(double));
+  if (pond) pond->spline_row = calloc(2 * (u_count + 2 * SPLINE_REACH), sizeof(float));
   if (pond) pond->shores = calloc(u_count * v_count, sizeof *pond->shores);
-  if (!pond || !pond->memory || !pond->shores) {
+  if (!pond || !pond->memory || !pond->spline_row || !pond->shores) {
     ripple_destroy(pond);
     if (error)
       snprintf(error->message, sizeof error->message, "ripple: out of memory for %zu x %zu cells",
@@ -432,18 +431,17 @@ slf_result ripple_create(const ripple_options *options, ripple **out, slf_error 
   pond->options = *options;
   pond->stride = stride;
   pond->cell_count = pond->open_count = u_count * v_count;
-  pond->spacing_u = options->u_length / (float)u_count;
-  pond->spacing_v = options->v_length / (float)v_count;
-  float *next = pond->memory;
-  float **planes[] = {&pond->height, &pond->velocity, &pond->open, &pond->change};
+  pond->spacing_u = options->u_length / (double)u_count;
+  pond->spacing_v = options->v_length / (double)v_count;
+  double *next = pond->memory;
+  double **planes[] = {&pond->height, &pond->velocity, &pond->open, &pond->change};
   for (size_t i = 0; i < 4; i++, next += plane) *planes[i] = next + stride;
   pond->tile = next;
   pond->strip = next += LANES * stride;
   pond->along_u.pivot = next += LANES * stride;
   pond->along_u.below = next += u_count;
   pond->along_v.pivot = next += u_count;
-  pond->along_v.below = next += v_count;
-  pond->spline_row = next + v_count;
+  pond->along_v.below = next + v_count;
   for (size_t j = 0; j < v_count; j++)
     for (size_t i = 0; i < u_count; i++) pond->open[j * stride + i] = 1;
   set_coefficients(pond);
@@ -455,6 +453,7 @@ slf_result ripple_create(const ripple_options *options, ripple **out, slf_error 
 void ripple_destroy(ripple *pond) {
   if (!pond) return;
   free(pond->memory);
+  free(pond->spline_row);
   free(pond->shores);
   free(pond);
 }
@@ -494,12 +493,12 @@ static span cells_near(double centre, double reach, size_t count) {
   return (span){(size_t)first, (size_t)end};
 }
 
-static void raise_cell(ripple *pond, size_t i, size_t j, float by) {
+static void raise_cell(ripple *pond, size_t i, size_t j, double by) {
   const size_t at = j * pond->stride + i;
-  const float raised = by * pond->open[at];
+  const double raised = by * pond->open[at];
   pond->height[at] += raised;
   pond->height_sum += raised;
-  pond->height_peak = larger(pond->height_peak, fabsf(pond->height[at]));
+  pond->height_peak = larger(pond->height_peak, fabs(pond->height[at]));
 }
 
 static void disturbed(ripple *pond) {
@@ -520,7 +519,7 @@ bool ripple_drop(ripple *pond, float u, float v, float radius, float height) {
   const float reach = GAUSSIAN_REACH * radius;
   const span across = cells_near((double)u * o->u_count, reach / pond->spacing_u, o->u_count);
   const span down = cells_near((double)v * o->v_count, reach / pond->spacing_v, o->v_count);
-  float *column = pond->tile; /* the Gaussian is a product of one along u and one along v */
+  double *column = pond->tile; /* the Gaussian is a product of one along u and one along v */
   for (size_t i = across.first; i < across.end; i++) {
     const float x = (((float)i + 0.5f) * pond->spacing_u - u * o->u_length) / radius;
     column[i] = expf(-x * x);
@@ -561,7 +560,7 @@ bool ripple_stroke(ripple *pond, float from_u, float from_v, float to_u, float t
       const double off = (y * along_x - x * along_y) / radius;
       if (fabs(off) > GAUSSIAN_REACH) continue;
       const double passed = erf(along / radius) - erf((along - way) / radius);
-      raise_cell(pond, i, j, (float)(crest * exp(-off * off) * passed));
+      raise_cell(pond, i, j, crest * exp(-off * off) * passed);
     }
   disturbed(pond);
   return true;
@@ -628,10 +627,9 @@ bool ripple_is_raining(const ripple *pond) {
  * nearby, ring after ring inwards, so that the surface runs level into it. */
 static void find_shores(ripple *pond) {
   const size_t stride = pond->stride, v_count = pond->options.v_count;
-  float *water_of = pond->change; /* 0, or 1 + index of the water that a cell shows; exact: the
-                                     index is below 2^24 */
+  double *water_of = pond->change; /* 0, or 1 + index of the water that a cell shows */
   for (size_t at = 0; at < plane_count(pond); at++)
-    water_of[at] = pond->open[at] > 0 ? (float)(at + 1) : 0;
+    water_of[at] = pond->open[at] > 0 ? (double)(at + 1) : 0;
   pond->shore_count = 0;
   for (int ring = 0; ring <= SPLINE_REACH; ring++) {
     const size_t known = pond->shore_count;
@@ -641,16 +639,16 @@ static void find_shores(ripple *pond) {
         if (water_of[at] > 0) continue;
         const ptrdiff_t neighbours[] = {-1, 1, -(ptrdiff_t)stride, (ptrdiff_t)stride};
         for (int k = 0; k < 4; k++) {
-          const float water = water_of[(ptrdiff_t)at + neighbours[k]];
+          const double water = water_of[(ptrdiff_t)at + neighbours[k]];
           if (water <= 0) continue;
           pond->shores[pond->shore_count++] = (shore){(uint32_t)at, (uint32_t)water - 1};
           break;
         }
       }
     for (size_t k = known; k < pond->shore_count; k++)
-      water_of[pond->shores[k].cell] = (float)(pond->shores[k].water + 1);
+      water_of[pond->shores[k].cell] = (double)(pond->shores[k].water + 1);
   }
-  memset(water_of, 0, plane_count(pond) * sizeof(float));
+  memset(water_of, 0, plane_count(pond) * sizeof *water_of);
 }
 
 bool ripple_add_obstacle(ripple *pond, const uint8_t *closed) {
@@ -680,7 +678,7 @@ bool ripple_is_calm(const ripple *pond) {
   return pond->calm;
 }
 
-const float *ripple_heights(const ripple *pond, size_t *stride) {
+const double *ripple_heights(const ripple *pond, size_t *stride) {
   *stride = pond->stride;
   return pond->height;
 }
@@ -692,9 +690,9 @@ typedef struct {
   float value[4], slope[4];
 } spline;
 
-static spline spline_at(size_t texel, size_t texel_count, size_t cell_count, float spacing) {
+static spline spline_at(size_t texel, size_t texel_count, size_t cell_count, double spacing) {
   const float x = ((float)texel + 0.5f) * (float)cell_count / (float)texel_count - 0.5f;
-  const float base = floorf(x), t = x - base, s = 1 - t, scale = 1 / spacing;
+  const float base = floorf(x), t = x - base, s = 1 - t, scale = (float)(1 / spacing);
   return (spline){(int32_t)base - 1,
                   {s * s * s / 6, (3 * t * t * t - 6 * t * t + 4) / 6,
                    (3 * s * s * s - 6 * s * s + 4) / 6, t * t * t / 6},
@@ -713,15 +711,15 @@ static size_t mirrored(ptrdiff_t i, size_t count) {
 static void spline_rows(const ripple *pond, const spline *along_v, float *restrict value,
                         float *restrict slope) {
   const size_t u_count = pond->options.u_count;
-  const float *rows[4];
+  const double *rows[4];
   for (int k = 0; k < 4; k++)
     rows[k] = pond->height + mirrored(along_v->first + k, pond->options.v_count) * pond->stride;
-  const float *restrict a = rows[0], *restrict b = rows[1], *restrict c = rows[2],
-                        *restrict d = rows[3];
+  const double *restrict a = rows[0], *restrict b = rows[1], *restrict c = rows[2],
+                         *restrict d = rows[3];
   const float *w = along_v->value, *g = along_v->slope;
   for (size_t i = 0; i < u_count; i++) {
-    value[i] = w[0] * a[i] + w[1] * b[i] + w[2] * c[i] + w[3] * d[i];
-    slope[i] = g[0] * a[i] + g[1] * b[i] + g[2] * c[i] + g[3] * d[i];
+    value[i] = (float)(w[0] * a[i] + w[1] * b[i] + w[2] * c[i] + w[3] * d[i]);
+    slope[i] = (float)(g[0] * a[i] + g[1] * b[i] + g[2] * c[i] + g[3] * d[i]);
   }
   for (size_t i = 0; i < SPLINE_REACH; i++) {
     value[-1 - (ptrdiff_t)i] = value[i];
@@ -762,42 +760,44 @@ void ripple_slopes(ripple *pond, uint32_t u_count, uint32_t v_count, float *slop
 }
 
 /* (1 + a X + b B) v at one cell of a line: its value, its neighbours and whether each exists. */
-static double line_operator(double here, double before, double after, bool has_before,
-                            bool has_after, double a, double b) {
-  const double differences = (has_before ? here - before : 0) + (has_after ? here - after : 0);
+static long double line_operator(long double here, double before, double after, bool has_before,
+                                 bool has_after, long double a, double b) {
+  const long double differences = (has_before ? here - before : 0) + (has_after ? here - after : 0);
   return here + a * differences + (!has_before || !has_after ? b * here : 0);
 }
 
+/* Long double, so that what is seen is the rounding of steps and not of this sum. */
 double ripple_energy(const ripple *pond) {
   const size_t u_count = pond->options.u_count, v_count = pond->options.v_count;
   const size_t stride = pond->stride;
-  const float *h = pond->height, *v = pond->velocity, *open = pond->open;
-  const double tau = pond->tau;
-  const double a_u = pond->r_u * (0.25 + 0.5 * tau), a_v = pond->r_v * (0.25 + 0.5 * tau);
-  double sum = 0;
+  const double *h = pond->height, *v = pond->velocity, *open = pond->open;
+  const long double tau = pond->tau;
+  const long double a_u = pond->r_u * (0.25 + 0.5 * tau), a_v = pond->r_v * (0.25 + 0.5 * tau);
+  long double sum = 0;
   for (size_t j = 0; j < v_count; j++)
     for (size_t i = 0; i < u_count; i++) {
       const size_t at = j * stride + i;
       const bool west = i > 0, east = i + 1 < u_count, north = j > 0, south = j + 1 < v_count;
       /* <M v, v> = <A_u v, A_v v>, as A_u is symmetric. */
-      const double along_u = line_operator(v[at], west ? v[at - 1] : 0, east ? v[at + 1] : 0, west,
-                                           east, a_u, pond->border_u / 2);
-      const double along_v =
+      const long double along_u = line_operator(v[at], west ? v[at - 1] : 0, east ? v[at + 1] : 0,
+                                                west, east, a_u, pond->border_u / 2);
+      const long double along_v =
           line_operator(v[at], north ? v[at - stride] : 0, south ? v[at + stride] : 0, north, south,
                         a_v, pond->border_v / 2);
-      sum += along_u * along_v - 0.5 * pond->friction * (double)v[at] * v[at];
-      if (!west || !east) sum -= 0.5 * pond->border_u * (double)v[at] * v[at];
-      if (!north || !south) sum -= 0.5 * pond->border_v * (double)v[at] * v[at];
+      const long double square = (long double)v[at] * v[at];
+      sum += along_u * along_v - 0.5 * pond->friction * square;
+      if (!west || !east) sum -= 0.5 * pond->border_u * square;
+      if (!north || !south) sum -= 0.5 * pond->border_v * square;
       for (int axis = 0; axis < 2; axis++) {
         const size_t next = axis ? at + stride : at + 1;
         if (axis ? !south : !east) continue;
-        const double face = (axis ? pond->r_v : pond->r_u) * (double)open[at] * open[next];
-        const double dh = (double)h[next] - h[at], dv = (double)v[next] - v[at];
+        const long double face = (axis ? pond->r_v : pond->r_u) * open[at] * open[next];
+        const long double dh = (long double)h[next] - h[at], dv = (long double)v[next] - v[at];
         sum += face * (dh * (dh - dv) - 0.5 * tau * dv * dv);
       }
     }
   const double step_s = pond->options.step_s;
-  return sum * pond->spacing_u * pond->spacing_v / (2 * step_s * step_s);
+  return (double)(sum * pond->spacing_u * pond->spacing_v / (2 * step_s * step_s));
 }
 
 double ripple_mean_height(const ripple *pond) {
@@ -805,7 +805,7 @@ double ripple_mean_height(const ripple *pond) {
   for (size_t j = 0; j < pond->options.v_count; j++)
     for (size_t i = 0; i < pond->options.u_count; i++) {
       const size_t at = j * pond->stride + i;
-      sum += (double)pond->open[at] * pond->height[at];
+      sum += pond->open[at] * pond->height[at];
     }
   return sum / (double)pond->open_count;
 }

@@ -182,7 +182,7 @@ static void what_stands_in_the_water_is_an_obstacle(void **state) {
   water *w = make(64);
   assert_true(ripple_drop(w->pond, 0.5f, 0.5f, 1e4f, 0.1f));
   size_t stride;
-  const float *h = ripple_heights(w->pond, &stride);
+  const double *h = ripple_heights(w->pond, &stride);
   for (int j = 0; j < 32; j++)
     for (int i = 0; i < 64; i++) {
       const double x = -1 + 3 * (j + 0.5) / 32, z = 4 - 6 * (i + 0.5) / 64;
@@ -340,7 +340,7 @@ static void a_script_replays_alike_at_any_frame_rate(void **state) {
   for (int i = 0; i < 40; i++) assert_int_equal(water_advance(b, 1 / 19.0, &error), SLF_OK);
   assert_true(a->step_index == 120 && b->step_index == 120); /* both stopped at 1 s */
   size_t stride;
-  const float *x = ripple_heights(a->pond, &stride), *y = ripple_heights(b->pond, &stride);
+  const double *x = ripple_heights(a->pond, &stride), *y = ripple_heights(b->pond, &stride);
   assert_memory_equal(x, y, 32 * stride * sizeof(float));
   assert_true(ripple_energy(a->pond) > 0);
   water_reset(a);
@@ -368,7 +368,7 @@ static void a_scripted_stroke_is_whole(void **state) {
                      SLF_OK);
   assert_true(ripple_stroke(whole->pond, 0.1f, 0.5f, 0.9f, 0.5f, 0.3f, 0.02f));
   size_t stride;
-  const float *x = ripple_heights(w->pond, &stride), *y = ripple_heights(whole->pond, &stride);
+  const double *x = ripple_heights(w->pond, &stride), *y = ripple_heights(whole->pond, &stride);
   for (size_t j = 0; j < 32; j++)
     for (size_t i = 0; i < 64; i++) assert_float_equal(x[j * stride + i], y[j * stride + i], 1e-6);
   water_free(w);
