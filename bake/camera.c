@@ -124,10 +124,11 @@ static void write_planar_camera(const shot *self, uint32_t width, uint32_t heigh
   for (int corner = 0; corner < 4 && fogged; corner++)
     printf("<%d,%.12g>\n", corner & 1, 1 - (corner & 2 ? 0.75 : 0.25) / height);
   for (uint32_t i = 0; i < view_tile_count; i++) {
+    uint32_t column, row;
+    frame_tile(self->self, self->grid, rays, i / rays, i % rays, &column, &row);
     for (int corner = 0; corner < 4; corner++) {
-      double u_count = self->grid.u_count, v_count = self->grid.v_count;
-      double x = i % rays * u_count + (corner & 1 ? u_count - 0.5 : -0.5);
-      double y = 1 + i / rays * v_count + (corner & 2 ? v_count - 0.5 : -0.5);
+      double x = column + (corner & 1 ? self->grid.u_count - 0.5 : -0.5);
+      double y = 1 + row + (corner & 2 ? self->grid.v_count - 0.5 : -0.5);
       printf("<%.12g,%.12g>\n", x / width, 1 - y / height);
     }
   }
@@ -143,9 +144,47 @@ static void write_planar_camera(const shot *self, uint32_t width, uint32_t heigh
   printf("mesh { Slf_Tiles } smooth } location 0 direction z }\n");
 }
 
+/* Vertices of a curved camera are whole numbers of a unit, which a scale of the mesh turns into
+ * scene units: POV-Ray reads those in two thirds of the time. They stay below 2^23, so that they
+ * are exact in the floats in which it keeps them, and so is all but the largest of sums of three. A
+ * face is half as large as the surface's largest coordinate: directions are as exact as places. */
+typedef struct {
+  double per_scene_unit; /* a power of two */
+  double face_size;      /* distance of a face's corners from its centroid, in these units */
+} lattice;
+
+static lattice lattice_of(const surface *self) {
+  /* Between a mesh's vertices the surface may bulge: a factor of two has room for that. */
+  int exponent;
+  frexp(2 * surface_extent(self), &exponent);
+  return (lattice){ldexp(1, 23 - exponent), ldexp(1, 21)};
+}
+
+static char *put_integer(char *to, long value) {
+  char digits[24];
+  int count = 0;
+  unsigned long left = (unsigned long)(value < 0 ? -value : value);
+  do digits[count++] = (char)('0' + left % 10);
+  while (left /= 10);
+  if (value < 0) *to++ = '-';
+  while (count) *to++ = digits[--count];
+  return to;
+}
+
+/* printf would take as long as the rest of the program. */
+static void write_integers(const long vector[3]) {
+  char line[80], *to = line;
+  for (int axis = 0; axis < 3; axis++) {
+    *to++ = axis ? ',' : '<';
+    to = put_integer(to, vector[axis]);
+  }
+  *to++ = '>', *to++ = '\n';
+  fwrite(line, 1, (size_t)(to - line), stdout);
+}
+
 /* A face whose centroid is the ray's origin and whose right-hand normal is the direction: POV-Ray
  * sends the ray against that. */
-static void write_face(const double origin[3], const double direction[3]) {
+static void write_face(const lattice *on, const double origin[3], const double direction[3]) {
   int least = fabs(direction[0]) < fabs(direction[1]) ? 0 : 1;
   if (fabs(direction[2]) < fabs(direction[least])) least = 2;
   double a[3], b[3];
@@ -155,14 +194,15 @@ static void write_face(const double origin[3], const double direction[3]) {
   b[0] = direction[1] * a[2] - direction[2] * a[1];
   b[1] = direction[2] * a[0] - direction[0] * a[2];
   b[2] = direction[0] * a[1] - direction[1] * a[0];
-  const double turn[3][2] = {{1, 0}, {-0.5, 0.8660254}, {-0.5, -0.8660254}};
-  for (int corner = 0; corner < 3; corner++) {
-    double vertex[3];
-    memcpy(vertex, origin, sizeof vertex);
-    add_scaled(vertex, a, turn[corner][0]);
-    add_scaled(vertex, b, turn[corner][1]);
-    printf("<%.8g,%.8g,%.8g>\n", vertex[0], vertex[1], vertex[2]);
+  long vertices[3][3];
+  for (int axis = 0; axis < 3; axis++) {
+    double centre = origin[axis] * on->per_scene_unit;
+    double along = a[axis] * on->face_size, across = b[axis] * on->face_size * 0.8660254;
+    vertices[0][axis] = lround(centre + along);
+    vertices[1][axis] = lround(centre - 0.5 * along + across);
+    vertices[2][axis] = lround(3 * centre) - vertices[0][axis] - vertices[1][axis];
   }
+  for (int corner = 0; corner < 3; corner++) write_integers(vertices[corner]);
 }
 
 /* The frames of all rays of all texels: texel by texel, its rays together, as floats. */
@@ -195,7 +235,8 @@ static void frame_of_ray(const shot *self, size_t i, uint32_t m, frame *out) {
   }
 }
 
-static void write_view_faces(const shot *self, uint32_t view, uint32_t m, double start) {
+static void write_view_faces(const shot *self, const lattice *on, uint32_t view, uint32_t m,
+                             double start) {
   for (size_t i = 0; i < (size_t)self->grid.u_count * self->grid.v_count; i++) {
     frame at;
     double direction[3];
@@ -203,7 +244,7 @@ static void write_view_faces(const shot *self, uint32_t view, uint32_t m, double
     to_scene(&at, self->views.stn[view * self->views.rays + m], direction);
     normalise(direction);
     add_scaled(at.position, direction, start);
-    write_face(at.position, direction);
+    write_face(on, at.position, direction);
   }
 }
 
@@ -212,18 +253,24 @@ static void write_curved_camera(const shot *self) {
   uint32_t rays = self->views.rays, view_count = self->views.view_count;
   uint32_t mesh_count = self->apart ? 1 : rays,
            images = self->apart ? rays * view_count : view_count;
-  size_t face_count = (size_t)self->grid.u_count * self->grid.v_count * images;
+  long face_count = (long)self->grid.u_count * self->grid.v_count * images;
   double start = surface_ray_start(self->self);
+  lattice on = lattice_of(self->self);
+  /* Scenes of before 1.5 had no expressions in vectors: POV-Ray then does not look for any. */
+  printf("#declare Slf_Version = version;\n#version 1.0;\n");
   for (uint32_t mesh = 0; mesh < mesh_count; mesh++) {
-    printf("#declare Slf_Rays_%u = mesh2 {\nvertex_vectors { %zu\n", mesh, 3 * face_count);
+    printf("#declare Slf_Rays_%u = mesh2 {\nvertex_vectors { %ld\n", mesh, 3 * face_count);
     for (uint32_t k = 0; k < images; k++)
-      write_view_faces(self, self->apart ? k / rays : k, self->apart ? k % rays : mesh, start);
-    printf("}\nface_indices { %zu\n", face_count);
-    for (size_t i = 0; i < face_count; i++) printf("<%zu,%zu,%zu>\n", 3 * i, 3 * i + 1, 3 * i + 2);
+      write_view_faces(self, &on, self->apart ? k / rays : k, self->apart ? k % rays : mesh, start);
+    printf("}\nface_indices { %ld\n", face_count);
+    for (long i = 0; i < face_count; i++)
+      write_integers((const long[3]){3 * i, 3 * i + 1, 3 * i + 2});
     printf("}\nhierarchy off }\n");
   }
+  printf("#version Slf_Version;\n");
   write_camera(self, mesh_count, 0);
-  for (uint32_t mesh = 0; mesh < mesh_count; mesh++) printf("mesh { Slf_Rays_%u }\n", mesh);
+  for (uint32_t mesh = 0; mesh < mesh_count; mesh++)
+    printf("mesh { Slf_Rays_%u scale %.17g }\n", mesh, 1 / on.per_scene_unit);
   printf("} location 0 direction z }\n");
 }
 

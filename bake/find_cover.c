@@ -25,11 +25,13 @@ int main(int argc, char **argv) {
   float *alpha = allocate((size_t)(height - 1) * width, sizeof *alpha, self->name);
   uint8_t *cover = allocate(texel_count, rays, self->name);
   image_read_rows(frame, "A", 1, height - 1, alpha);
-  for (size_t texel = 0; texel < texel_count; texel++) {
-    size_t i = texel % self->u_count, j = texel / self->u_count;
-    for (uint32_t m = 0; m < rays; m++)
-      cover[texel * rays + m] = (self->planar ? alpha[j * width + m * self->u_count + i]
-                                              : alpha[m * texel_count + texel]) > 0.5f;
+  for (uint32_t m = 0; m < rays; m++) {
+    uint32_t column, row;
+    frame_tile(self, grid_of_all(self), rays, 0, m, &column, &row);
+    for (size_t texel = 0; texel < texel_count; texel++) {
+      size_t i = column + texel % self->u_count, j = row + texel / self->u_count;
+      cover[texel * rays + m] = alpha[j * width + i] > 0.5f;
+    }
   }
   if (!memchr(cover, 1, texel_count * rays))
     fail("surface '%s': no object of the scene lies where it is said to be", self->name);

@@ -47,22 +47,41 @@ view_list views_of_cover(uint32_t rays) {
   return views;
 }
 
+/* POV-Ray sorts a type 3 camera's triangles into tenths of the frame's width and height, and goes
+ * through all of those that a pixel's tenths share. */
+static const uint32_t tile_columns = 10;
+
 void frame_size(const surface *self, texel_grid grid, const view_list *views, int apart,
                 uint32_t *width, uint32_t *height) {
-  *width = self->planar ? grid.u_count * views->rays + 1 : grid.u_count;
-  *height = grid.v_count * views->view_count * (apart && !self->planar ? views->rays : 1) + 1;
+  uint32_t image_count = views->view_count * (apart || self->planar ? views->rays : 1);
+  uint32_t columns = self->planar ? tile_columns : 1;
+  if (columns > image_count) columns = image_count;
+  *width = grid.u_count * columns + self->planar;
+  *height = grid.v_count * ((image_count + columns - 1) / columns) + 1;
 }
 
-/* The mean over a sample's rays, or over those that stand in for rays that miss the surface. Tiles
- * are read side by side: texel i of ray m lies at m u_count + i. */
-static void mean_of_tiles(const float *view, texel_grid grid, uint32_t width, uint32_t rays,
-                          const uint32_t *sources, float *rgb) {
+void frame_tile(const surface *self, texel_grid grid, uint32_t rays, uint32_t view, uint32_t m,
+                uint32_t *column, uint32_t *row) {
+  uint32_t tile = view * rays + m, columns = self->planar ? tile_columns : 1;
+  *column = tile % columns * grid.u_count;
+  *row = tile / columns * grid.v_count;
+}
+
+/* The mean over a sample's rays, or over those that stand in for rays that miss the surface. */
+static void mean_of_tiles(const surface *self, const float *pixels, uint32_t width, texel_grid grid,
+                          uint32_t view, uint32_t rays, const uint32_t *sources, float *rgb) {
+  const float *tiles[SAMPLE_MAX_RAYS];
+  for (uint32_t m = 0; m < rays; m++) {
+    uint32_t column, row;
+    frame_tile(self, grid, rays, view, m, &column, &row);
+    tiles[m] = pixels + ((size_t)row * width + column) * 3;
+  }
   for (uint32_t texel = 0; texel < grid.u_count * grid.v_count; texel++) {
     double sum[3] = {0, 0, 0};
     for (uint32_t m = 0; m < rays; m++) {
       uint32_t source = sources ? sources[(size_t)texel * rays + m] : texel * rays + m;
       uint32_t i = source / rays % grid.u_count, j = source / rays / grid.u_count;
-      const float *from = view + ((size_t)j * width + source % rays * grid.u_count + i) * 3;
+      const float *from = tiles[source % rays] + ((size_t)j * width + i) * 3;
       for (int channel = 0; channel < 3; channel++) sum[channel] += from[channel];
     }
     for (int channel = 0; channel < 3; channel++)
@@ -78,16 +97,15 @@ float *frame_read_means(const char *path, const surface *self, texel_grid grid,
   if (image_width(frame) != width || image_height(frame) != height)
     fail("%s: %u x %u pixels, expected %u x %u", path, image_width(frame), image_height(frame),
          width, height);
+  float *pixels = allocate((size_t)(height - 1) * width * 3, sizeof *pixels, path);
+  image_read_rows(frame, "RGB", 1, height - 1, pixels);
+  image_close(frame);
+  /* A curved surface's images are means already, one below the other. */
+  if (!self->planar) return pixels;
   size_t view_size = (size_t)grid.u_count * grid.v_count * 3;
   float *means = allocate(view_size * views->view_count, sizeof *means, path);
-  float *tiles = allocate((size_t)grid.v_count * width * 3, sizeof *tiles, path);
-  for (uint32_t i = 0; i < views->view_count; i++) {
-    float *to = self->planar ? tiles : means + i * view_size;
-    image_read_rows(frame, "RGB", 1 + i * grid.v_count, grid.v_count, to);
-    if (self->planar)
-      mean_of_tiles(tiles, grid, width, views->rays, sources, means + i * view_size);
-  }
-  free(tiles);
-  image_close(frame);
+  for (uint32_t view = 0; view < views->view_count; view++)
+    mean_of_tiles(self, pixels, width, grid, view, views->rays, sources, means + view * view_size);
+  free(pixels);
   return means;
 }

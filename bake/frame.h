@@ -2,10 +2,10 @@
  *
  * A view is the surface's texels seen by all rays of a sample, each ray of it from one direction
  * (of eq. 1's s, t, n, in each texel's own frame). Of a planar surface each (view, ray) is a tile
- * of the frame: a row of tiles for each view, a column for each ray. Of a curved one each view is
- * one image, the views below each other, and POV-Ray takes the mean over the rays itself. Above
- * both lies one row that counts for nothing, and to the right of tiles one column (see camera.c).
- */
+ * of the frame: view after view, ray after ray, ten tiles in a row, as POV-Ray looks for the tile
+ * of a pixel among those of a tenth of the frame. Of a curved one each view is one image, the views
+ * below each other, and POV-Ray takes the mean over the rays itself. Above both lies one row that
+ * counts for nothing, and to the right of tiles one column (see camera.c). */
 #ifndef BAKE_FRAME_H
 #define BAKE_FRAME_H
 
@@ -38,6 +38,10 @@ void view_of_slice(uint32_t s_count, uint32_t t_count, slice at, uint32_t rays, 
 /* Size of the frame; `apart`: each ray of a curved surface has an image of its own. */
 void frame_size(const surface *, texel_grid, const view_list *, int apart, uint32_t *width,
                 uint32_t *height);
+
+/* Column and row (from the first that counts) of the tile or image of ray m of a view. */
+void frame_tile(const surface *, texel_grid, uint32_t rays, uint32_t view, uint32_t m,
+                uint32_t *column, uint32_t *row);
 
 /* The mean radiance of every texel of every view: view_count x v_count x u_count x 3, for the
  * caller to free. sources (cover.h) may be NULL; a curved surface's camera has heeded them already.

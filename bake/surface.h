@@ -80,6 +80,9 @@ typedef struct {
 row_range surface_ray_rows(const surface *, uint32_t rays, uint32_t part_index);
 uint32_t surface_ray_part_count(const surface *, uint32_t rays);
 
+/* The largest coordinate of its mesh, in scene units. */
+double surface_extent(const surface *);
+
 /* Distance from the surface at which rays start, in scene units. POV-Ray ignores what is nearer
  * than 1e-4; a ray that starts 1e-3 away has always found the surface. It keeps a mesh_camera's
  * vertices in floats, whose steps must stay far below the height n_min times this distance. */

@@ -138,10 +138,11 @@ static void test_surface(const char *folder, const char *name, bool mirror) {
   printf("# figure: %s, %s: mean error %.5f %s, largest %.5f, of %zu\n", name,
          mirror ? "reflected direction" : "place", mean, unit, found.largest, found.count);
   /* Radiance holds what is less than 1 of place x 1 or direction x 4, and half floats below 1 step
-   * by 1/2048: steps of 0.0005, 1/70 of the smallest texel, or of 0.007 degrees. */
-  char *what = format_text("%s: %s within 0.01 %s in the mean", name,
+   * by 1/2048: steps of 0.0005, 1/70 of the smallest texel, or of 0.007 degrees. A ray that met
+   * something else would be off by far more than 0.05. */
+  char *what = format_text("%s: %s within 0.01 %s in the mean, 0.05 at most", name,
                            mirror ? "reflected direction" : "place", unit);
-  report(found.count > 1000 && mean < 0.01, what);
+  report(found.count > 1000 && mean < 0.01 && found.largest < 0.05, what);
   free(what);
 }
 

@@ -23,8 +23,9 @@ global_settings { assumed_gamma 1.0 }
   #declare Skin = texture { Coded() finish { ambient 1 diffuse 0 } }
 #end
 
-// A parallelogram that is neither level nor square, and the same place as any P(U,V).
-#declare Corner = <-3, 0.5, -1>;
+// A parallelogram that is neither level nor square, and the same place as any P(U,V). Nothing may cut
+// another surface: rays start 0.001 before it.
+#declare Corner = <-4, 0.5, -1>;
 #declare Edge_U = <2, 0.3, 0.1>;
 #declare Edge_V = <0.4, -0.2, 1.5>;
 plane { vnormalize(vcross(Edge_U, Edge_V)), vdot(Corner, vnormalize(vcross(Edge_U, Edge_V)))
