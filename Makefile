@@ -46,9 +46,9 @@ NEED.build.modules := OpenEXR libpng libjpeg glfw3 osmesa egl gl stb
 NEED.build.packages := gcc libc6-dev pkg-config povray povray-includes libopenexr-dev libpng-dev \
   libjpeg-dev libglfw3-dev libosmesa6-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri libstb-dev ffmpeg
 NEED.check.programs := jq python3 clang clang-format idiff oiiotool xvfb-run xdotool import
-NEED.check.modules := cmocka
+NEED.check.modules := cmocka x11
 NEED.check.packages := jq python3 python3-venv clang clang-format libclang-rt-14-dev openimageio-tools xvfb xauth xdotool \
-  imagemagick libcmocka-dev
+  imagemagick libcmocka-dev libx11-dev
 
 build/deps/%: | build/deps/
 	@missing() { for p in $(NEED.$*.programs); do command -v $$p >/dev/null || echo $$p; done; \

@@ -18,6 +18,11 @@ static bool reserve(maps *m, size_t pixel_count) {
   return m->rgba != NULL;
 }
 
+static const char *const role_names[] = {[SLF_ROLE_FULL] = "",
+                                         [SLF_ROLE_OWN] = ", own light",
+                                         [SLF_ROLE_REFLECTED] = ", reflected light",
+                                         [SLF_ROLE_HEIGHT] = ", heights"};
+
 typedef struct {
   uint8_t *rgba;
   int width, box_u, box_v;
@@ -44,11 +49,10 @@ static void paint_block(void *context, slf_block_address address, bool fresh) {
 }
 
 const uint8_t *maps_cache(maps *m, const slf_file *file, const block_cache *cache,
-                          uint32_t surface_index, char *text, size_t text_nbytes, int *width,
-                          int *height) {
+                          uint32_t surface_index, uint32_t layer_index, char *text,
+                          size_t text_nbytes, int *width, int *height) {
   const slf_surface *surface = slf_get_surface(file, surface_index);
-  if (surface->layer_count == 0) return NULL;
-  const slf_layer *layer = &surface->layers[0];
+  const slf_layer *layer = &surface->layers[layer_index];
   /* A dark line between the boxes. */
   cache_picture p = {.box_u = (int)layer->block_u_count + 1,
                      .box_v = (int)layer->block_v_count + 1};
@@ -67,28 +71,29 @@ const uint8_t *maps_cache(maps *m, const slf_file *file, const block_cache *cach
               pixel_of(&p, (slf_block_address){(uint16_t)s, (uint16_t)t, (uint16_t)u, (uint16_t)v}),
               48, 48, 56);
     }
-  block_cache_visit(cache, surface_index, 0, paint_block, &p);
-  snprintf(text, text_nbytes, "cache map of %s: %zu blocks, %zu decompressed in this frame",
-           surface->name, p.cached, p.fresh);
+  block_cache_visit(cache, surface_index, layer_index, paint_block, &p);
+  snprintf(text, text_nbytes, "cache map of %s%s: %zu blocks, %zu decompressed in this frame",
+           surface->name, role_names[layer->role], p.cached, p.fresh);
   return m->rgba;
 }
 
-const uint8_t *maps_slice(maps *m, const slf_file *file, uint32_t surface_index, uint32_t s_index,
-                          uint32_t t_index, char *text, size_t text_nbytes, int *width,
-                          int *height) {
+const uint8_t *maps_slice(maps *m, const slf_file *file, uint32_t surface_index,
+                          uint32_t layer_index, uint32_t s_index, uint32_t t_index, char *text,
+                          size_t text_nbytes, int *width, int *height) {
   const slf_surface *surface = slf_get_surface(file, surface_index);
-  if (surface->layer_count == 0) return NULL;
-  const slf_layer *layer = &surface->layers[0];
+  const slf_layer *layer = &surface->layers[layer_index];
   *width = (int)layer->u_count;
   *height = (int)layer->v_count;
-  snprintf(text, text_nbytes, "slice S %u, T %u of %s", s_index, t_index, surface->name);
-  if (m->file == file && m->surface == surface_index && m->s == s_index && m->t == t_index)
+  snprintf(text, text_nbytes, "slice S %u, T %u of %s%s", s_index, t_index, surface->name,
+           role_names[layer->role]);
+  if (m->file == file && m->surface == surface_index && m->layer == layer_index &&
+      m->s == s_index && m->t == t_index)
     return m->rgba;
   size_t pixel_count = (size_t)*width * (size_t)*height;
   slf_error error;
   float *rgb = malloc(pixel_count * 3 * sizeof *rgb);
   if (!rgb || !reserve(m, pixel_count) ||
-      slf_decode_slice(file, surface_index, 0, s_index, t_index, rgb, &error) != SLF_OK) {
+      slf_decode_slice(file, surface_index, layer_index, s_index, t_index, rgb, &error) != SLF_OK) {
     free(rgb);
     return NULL;
   }
@@ -98,6 +103,7 @@ const uint8_t *maps_slice(maps *m, const slf_file *file, uint32_t surface_index,
   free(rgb);
   m->file = file;
   m->surface = surface_index;
+  m->layer = layer_index;
   m->s = s_index;
   m->t = t_index;
   return m->rgba;

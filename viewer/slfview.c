@@ -47,7 +47,8 @@ static const char help[] =
     "mixed\n"
     "                      where the slices see the same point; four-tap: always the paper's way\n"
     "  --dice N            polygons are diced to N texels (default 8)\n"
-    "  --detail N          angular level of detail: every 2^N-th slice along S and T (default 0)\n"
+    "  --detail N          angular level of detail: 2^N x 2^N slices in one, from four taps "
+    "(default 0)\n"
     "  --exposure EV       radiance is multiplied by 2^EV (default 0)\n"
     "  --tone-map          x / (1 + x): what is brighter than white stays distinct\n"
     "  --scene \"FILE.pov [povray options]\"\n"
@@ -500,7 +501,9 @@ static double now_s(void) {
 static slf_result bench(const options *o, const slf_file *file, const slf_view *view,
                         const camera_path *flight, drawing *d, slf_error *error) {
   slf_view at = *view;
-  double start_s = 0, resample_s = 0, upload_s = 0, texel_count = 0, decoded = 0;
+  double start_s = 0, resample_s = 0, upload_s = 0, texel_count = 0, lookups = 0, hits = 0;
+  double decoded = 0, again = 0;
+  depth_mix_counts depth = {0};
   for (int i = 0; i <= o->bench_count; i++) {
     if (i == 1) start_s = now_s();
     if (flight->count)
@@ -518,16 +521,30 @@ static slf_result bench(const options *o, const slf_file *file, const slf_view *
     resample_s += cost.resample_s;
     upload_s += cost.upload_s;
     texel_count += (double)cost.texel_count;
-    decoded += (double)block_cache_get_counts(drawing_cache(d))->frame_decompressions;
+    depth.texel_count += cost.depth.texel_count;
+    depth.four_tap_count += cost.depth.four_tap_count;
+    const block_cache_counts *counts = block_cache_get_counts(drawing_cache(d));
+    lookups += (double)counts->frame_lookups;
+    hits += (double)counts->frame_hits;
+    decoded += (double)counts->frame_decompressions;
+    again += (double)counts->frame_decompressions_again;
   }
   double count = o->bench_count, frame_s = (now_s() - start_s) / count;
   printf("{\n  \"width\": %d,\n  \"height\": %d,\n  \"frames\": %d,\n"
          "  \"frames_per_s\": %.4g,\n  \"frame_ms\": %.4g,\n  \"resample_ms\": %.4g,\n"
          "  \"upload_ms\": %.4g,\n  \"driver_ms\": %.4g,\n  \"texels_per_frame\": %.6g,\n"
-         "  \"decompressions_per_frame\": %.4g\n}\n",
+         "  \"lookups_per_frame\": %.6g,\n  \"hit_rate\": %.4g,\n"
+         "  \"decompressions_per_frame\": %.4g,\n"
+         "  \"decompressions_again_per_frame\": %.4g",
          o->width_px, o->height_px, o->bench_count, 1 / frame_s, frame_s * 1e3,
          resample_s * 1e3 / count, upload_s * 1e3 / count,
-         (frame_s - (resample_s + upload_s) / count) * 1e3, texel_count / count, decoded / count);
+         (frame_s - (resample_s + upload_s) / count) * 1e3, texel_count / count, lookups / count,
+         lookups > 0 ? hits / lookups : 1, decoded / count, again / count);
+  if (depth.texel_count > 0)
+    printf(",\n  \"texels_by_depth_per_frame\": %.6g,\n  \"four_tap_share_by_depth\": %.4g",
+           (double)depth.texel_count / count,
+           (double)depth.four_tap_count / (double)depth.texel_count);
+  puts("\n}");
   return SLF_OK;
 }
 

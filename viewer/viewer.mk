@@ -46,8 +46,17 @@ $(OUT)/bench/pond.json: $(OUT)/bench/pond $(POND_BENCH)
 $(OUT)/bench/%: $(OBJ)/tests/bench/%.o $(VIEWER_CORE_OBJECTS) $(LIBSLF)
 	@mkdir -p $(@D)
 	$(call say,link,$@)$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lm -o $@
-# Tests of the window and of paths want a light field that needs no ray tracer.
-unit-suites: $(OUT)/bench/room
+# Tests of the window and of paths want a light field that needs no ray tracer, a file manager that
+# drops files, and an X library that is slow.
+unit-suites: $(OUT)/bench/room $(OUT)/tests/window/drop $(OUT)/tests/window/slow.so
+$(OBJ)/tests/window/%.o: PKG_CFLAGS = $(shell pkg-config --cflags x11)
+$(OBJ)/tests/window/drop.o $(OBJ)/tests/window/slow.o: | $(CHECK_DEPS)
+$(OUT)/tests/window/drop: $(OBJ)/tests/window/drop.o
+	@mkdir -p $(@D)
+	$(call say,link,$@)$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) $(shell pkg-config --libs x11) -o $@
+$(OUT)/tests/window/slow.so: $(OBJ)/tests/window/slow.o
+	@mkdir -p $(@D)
+	$(call say,link,$@)$(CC) $(ALL_CFLAGS) -shared $^ $(ALL_LDFLAGS) -ldl -o $@
 
 .PHONY: bench-viewer
 bench-viewer: $(addprefix $(OUT)/bench/,room viewer open) $(OUT)/slfview

@@ -76,10 +76,11 @@ static struct {
   water_input water;
 
   bool help, statistics, cache_map, slice_view;
-  uint32_t shown_surface, slice_s, slice_t; /* of the cache map and the slice view */
+  uint32_t shown_surface, shown_layer, slice_s, slice_t; /* of the cache map and the slice view */
   maps maps;
-  double frame_s;    /* smoothed */
-  uint32_t settling; /* levels of detail to go until all is crisp */
+  double frame_s;         /* smoothed */
+  uint32_t settling;      /* levels of detail to go until all is crisp */
+  depth_mix_counts depth; /* of the latest frame that mixed by depth */
 
   camera_path path;
   bool recording, playing;
@@ -87,8 +88,10 @@ static struct {
 
   truth *truth;
   slf_view truth_view;
+  int truth_width_px, truth_height_px;
   comparison comparison;
-  uint8_t *ours; /* the viewer's picture of truth_view */
+  uint8_t *ours; /* the viewer's picture of truth_view, in ours_look */
+  drawing_look ours_look;
   double psnr;
 
   char message[640];
@@ -127,12 +130,29 @@ static const slf_file *shown(void) {
   return checked_file_get(window.file);
 }
 
-static uint32_t first_shiny(void) {
-  for (uint32_t i = 0; i < slf_surface_count(shown()); i++) {
-    const slf_surface *s = slf_get_surface(shown(), i);
-    if (s->layer_count && s->layers[0].slice_count > 1) return i;
-  }
-  return 0;
+/* The layer that the cache map and the slice view show, NULL if its surface has none. */
+static const slf_layer *mapped_layer(void) {
+  if (window.shown_surface >= slf_surface_count(shown())) return NULL;
+  const slf_surface *surface = slf_get_surface(shown(), window.shown_surface);
+  return surface->layer_count ? &surface->layers[window.shown_layer] : NULL;
+}
+
+static void map_layer(uint32_t surface, uint32_t layer) {
+  window.shown_surface = surface;
+  window.shown_layer = layer;
+  window.slice_s = mapped_layer() ? mapped_layer()->s_count / 2 : 0;
+  window.slice_t = mapped_layer() ? mapped_layer()->t_count / 2 : 0;
+}
+
+/* The first light field of more than one direction, if there is any. */
+static void map_first_shiny(void) {
+  map_layer(0, 0);
+  for (uint32_t i = 0; i < slf_surface_count(shown()); i++)
+    for (uint32_t k = 0; k < slf_get_surface(shown(), i)->layer_count; k++)
+      if (slf_get_surface(shown(), i)->layers[k].slice_count > 1) {
+        map_layer(i, k);
+        return;
+      }
 }
 
 static struct timespec time_of(const char *name) {
@@ -187,13 +207,7 @@ static slf_result show_file(checked_file *file, bool keep_view, slf_error *error
   window.check_reported = false;
   window.file_time = time_of(checked_file_path(file));
   maps_clear(&window.maps);
-  window.shown_surface = first_shiny();
-  window.slice_s = window.slice_t = 0;
-  if (slf_get_surface(f, window.shown_surface)->layer_count) {
-    const slf_layer *layer = &slf_get_surface(f, window.shown_surface)->layers[0];
-    window.slice_s = layer->s_count / 2;
-    window.slice_t = layer->t_count / 2;
-  }
+  map_first_shiny();
   window.settling = coarsest_level();
   apply_look();
   if (!keep_view) {
@@ -355,11 +369,24 @@ static void toggle_filter(void) {
   tell("filter: %s", window.look.anisotropic ? "anisotropic" : "trilinear");
 }
 
+static void toggle_mix(void) {
+  if (!drawing_has_depth(window.drawing)) {
+    tell("this file has no heights to mix by");
+    return;
+  }
+  window.look.mix = window.look.mix == MIX_DEPTH ? MIX_FOUR_TAP : MIX_DEPTH;
+  apply_look();
+  tell("reflections mixed %s", window.look.mix == MIX_DEPTH ? "by depth" : "from four taps");
+}
+
 static void hold_detail(uint32_t level) {
   window.settling = 0;
   window.look.detail = level;
   apply_look();
-  tell("angular level of detail %u: every %u. slice", level, 1u << level);
+  if (level == 0)
+    tell("all directions");
+  else
+    tell("angular level of detail %u: %u x %u directions in one", level, 1u << level, 1u << level);
 }
 
 static void coarser(void) {
@@ -370,23 +397,19 @@ static void finer(void) {
   if (window.look.detail > 0) hold_detail(window.look.detail - 1);
 }
 
-static void next_surface(void) {
-  uint32_t count = slf_surface_count(shown());
-  window.shown_surface = (window.shown_surface + 1) % count;
-  window.slice_s = window.slice_t = 0;
-  if (slf_get_surface(shown(), window.shown_surface)->layer_count) {
-    const slf_layer *layer = &slf_get_surface(shown(), window.shown_surface)->layers[0];
-    window.slice_s = layer->s_count / 2;
-    window.slice_t = layer->t_count / 2;
-  }
+static void next_layer(void) {
+  if (slf_surface_count(shown()) == 0) return;
+  uint32_t i = window.shown_surface, k = window.shown_layer + 1;
+  if (k >= slf_get_surface(shown(), i)->layer_count)
+    i = (i + 1) % slf_surface_count(shown()), k = 0;
+  map_layer(i, k);
 }
 
 static void move_slice(int ds, int dt) {
-  const slf_surface *surface = slf_get_surface(shown(), window.shown_surface);
-  if (!surface->layer_count) return;
-  const slf_layer *layer = &surface->layers[0];
+  const slf_layer *layer = mapped_layer();
   uint32_t s = window.slice_s + (uint32_t)ds, t = window.slice_t + (uint32_t)dt;
-  if (!slf_slice_exists(layer->s_count, layer->t_count, s, t)) return; /* wraps below 0, too */
+  /* Wraps below 0, where no slice exists either. */
+  if (!layer || !slf_slice_exists(layer->s_count, layer->t_count, s, t)) return;
   window.slice_s = s;
   window.slice_t = t;
 }
@@ -516,12 +539,15 @@ static void compare_with_povray(void) {
     return;
   }
   window.truth_view = window.view;
+  window.truth_width_px = window.width_px;
+  window.truth_height_px = window.height_px;
   window.ours = malloc((size_t)window.width_px * (size_t)window.height_px * 4);
   if (!window.ours) return;
   slf_result result =
       drawing_render(window.drawing, &window.view, window.width_px, window.height_px, -1, &error);
   if (result == SLF_OK) {
     drawing_read(window.drawing, window.ours);
+    window.ours_look = drawing_get_look(window.drawing);
     result = truth_start(window.options->scene, &window.view, window.width_px, window.height_px,
                          &window.truth, &error);
   }
@@ -568,13 +594,14 @@ static const binding bindings[] = {
     {GLFW_KEY_I, "I", "statistics", toggle_statistics},
     {GLFW_KEY_M, "M", "cache map: green cached, red decompressed now", toggle_cache_map},
     {GLFW_KEY_L, "L", "slice view", toggle_slice_view},
-    {GLFW_KEY_TAB, "Tab", "next surface in map and slice view", next_surface},
+    {GLFW_KEY_TAB, "Tab", "next layer or surface in map and slice view", next_layer},
     {GLFW_KEY_LEFT, "Left", "slice: S down", slice_left},
     {GLFW_KEY_RIGHT, "Right", "slice: S up", slice_right},
     {GLFW_KEY_UP, "Up", "slice: T down", slice_up},
     {GLFW_KEY_DOWN, "Down", "slice: T up", slice_down},
     {GLFW_KEY_J, "J", "coarser angular level of detail", coarser},
     {GLFW_KEY_K, "K", "finer angular level of detail", finer},
+    {GLFW_KEY_B, "B", "reflections: by depth, or from four taps", toggle_mix},
     {GLFW_KEY_G, "G", "texture filter", toggle_filter},
     {GLFW_KEY_F7, "F7", "darker", darker},
     {GLFW_KEY_F8, "F8", "brighter", brighter},
@@ -677,6 +704,20 @@ static slf_result advance_water(double elapsed_s, slf_error *error) {
 /* ---- Overlays ----------------------------------------------------------------------------------
  */
 
+/* How reflections that have heights are mixed, and how often those did not help. */
+static void describe_mix(char *text, size_t text_nbytes) {
+  const depth_mix_counts *counts = &window.depth;
+  if (drawing_get_look(window.drawing).mix == MIX_FOUR_TAP)
+    snprintf(text, text_nbytes, "reflections from four taps");
+  else if (drawing_get_look(window.drawing).detail > 0)
+    snprintf(text, text_nbytes, "reflections from four taps: coarser levels have no depth");
+  else
+    snprintf(text, text_nbytes, "reflections by depth, %.2f %% of texels from four taps",
+             counts->texel_count
+                 ? 100.0 * (double)counts->four_tap_count / (double)counts->texel_count
+                 : 0.0);
+}
+
 static void describe_statistics(char *text, size_t text_nbytes) {
   const block_cache *cache = drawing_cache(window.drawing);
   const block_cache_counts *counts = block_cache_get_counts(cache);
@@ -685,24 +726,29 @@ static void describe_statistics(char *text, size_t text_nbytes) {
   for (uint32_t i = 0; i < slf_surface_count(shown()); i++)
     for (uint32_t k = 0; k < slf_get_surface(shown(), i)->layer_count; k++)
       raw_nbytes += slf_get_surface(shown(), i)->layers[k].raw_nbytes;
-  uint64_t hits = counts->frame_lookups - counts->frame_decompressions;
-  snprintf(text, text_nbytes,
-           "%.1f frames a second, %.2f ms\n"
-           "resampling %.2f ms, upload %.2f ms, %zu texels\n"
-           "blocks %llu, decompressed %llu, hit rate %.1f %%\n"
-           "cache %zu blocks, %.1f MB\n"
-           "file %.2f MB, %.1f : 1\n"
-           "detail %u, exposure %+.1f EV, %s\n"
-           "%dx%d  <%.2f, %.2f, %.2f>",
-           1 / window.frame_s, window.frame_s * 1e3, cost.resample_s * 1e3, cost.upload_s * 1e3,
-           cost.texel_count, (unsigned long long)counts->frame_lookups,
-           (unsigned long long)counts->frame_decompressions,
-           counts->frame_lookups ? 100.0 * (double)hits / (double)counts->frame_lookups : 100.0,
-           block_cache_resident(cache), (double)block_cache_nbytes(cache) / 1e6,
-           (double)file_nbytes / 1e6, (double)raw_nbytes / (double)file_nbytes,
-           drawing_get_look(window.drawing).detail, window.look.exposure_ev,
-           window.look.anisotropic ? "anisotropic" : "trilinear", window.width_px, window.height_px,
-           window.view.location[0], window.view.location[1], window.view.location[2]);
+  int length = snprintf(
+      text, text_nbytes,
+      "%.1f frames a second, %.2f ms\n"
+      "resampling %.2f ms, upload %.2f ms, %zu texels\n"
+      "blocks %llu, decompressed %llu, again %llu, hit rate %.1f %%\n"
+      "cache %zu blocks, %.1f MB\n"
+      "file %.2f MB, %.1f : 1\n"
+      "detail %u, exposure %+.1f EV, %s\n"
+      "%dx%d  <%.2f, %.2f, %.2f>",
+      1 / window.frame_s, window.frame_s * 1e3, cost.resample_s * 1e3, cost.upload_s * 1e3,
+      cost.texel_count, (unsigned long long)counts->frame_lookups,
+      (unsigned long long)counts->frame_decompressions,
+      (unsigned long long)counts->frame_decompressions_again,
+      counts->frame_lookups ? 100.0 * (double)counts->frame_hits / (double)counts->frame_lookups
+                            : 100.0,
+      block_cache_resident(cache), (double)block_cache_nbytes(cache) / 1e6,
+      (double)file_nbytes / 1e6, (double)raw_nbytes / (double)file_nbytes,
+      drawing_get_look(window.drawing).detail, window.look.exposure_ev,
+      window.look.anisotropic ? "anisotropic" : "trilinear", window.width_px, window.height_px,
+      window.view.location[0], window.view.location[1], window.view.location[2]);
+  if (!drawing_has_depth(window.drawing) || (size_t)length + 1 >= text_nbytes) return;
+  text[length++] = '\n';
+  describe_mix(text + length, text_nbytes - (size_t)length);
 }
 
 /* A list of keys, names in one column and what they do in the next; returns the width taken. */
@@ -750,6 +796,11 @@ static void show_map(overlay *o, float scale, const uint8_t *rgba, int width, in
   overlay_image(o, x, top, (float)width * size, (float)height * size, rgba, width, height, 0, 1);
 }
 
+static bool same_look(drawing_look a, drawing_look b) {
+  return a.exposure_ev == b.exposure_ev && a.tone_map == b.tone_map &&
+         a.anisotropic == b.anisotropic && a.detail == b.detail && a.mix == b.mix;
+}
+
 static void show_comparison(overlay *o, float scale) {
   int percent;
   slf_error error;
@@ -768,6 +819,11 @@ static void show_comparison(overlay *o, float scale) {
     return;
   }
   const uint8_t *theirs = truth_picture(window.truth);
+  if (!same_look(window.ours_look, drawing_get_look(window.drawing))) {
+    window.ours_look = drawing_get_look(window.drawing);
+    drawing_read(window.drawing, window.ours); /* this frame, without overlays */
+    window.psnr = -1;
+  }
   if (window.psnr < 0) window.psnr = picture_psnr(window.ours, theirs, pixel_count);
   if (window.comparison == COMPARE_SPLIT) {
     overlay_image(o, 0, 0, width, height, theirs, window.width_px, window.height_px, 0.5f, 1);
@@ -796,15 +852,18 @@ static void draw_overlays(void) {
   float scale = content_scale * (window.height_px >= 900 * content_scale ? 2 : 1);
   if (window.height_px < 480) scale = 1;
   overlay_begin(o, window.width_px, window.height_px, scale);
-  bool same_view = memcmp(&window.view, &window.truth_view, sizeof window.view) == 0;
+  bool same_view = memcmp(&window.view, &window.truth_view, sizeof window.view) == 0 &&
+                   window.width_px == window.truth_width_px &&
+                   window.height_px == window.truth_height_px;
   if (window.truth && same_view) show_comparison(o, scale);
   int width, height;
-  if (window.cache_map || window.slice_view) {
+  if ((window.cache_map || window.slice_view) && mapped_layer()) {
     const uint8_t *map =
-        window.slice_view ? maps_slice(&window.maps, shown(), window.shown_surface, window.slice_s,
-                                       window.slice_t, text, sizeof text, &width, &height)
-                          : maps_cache(&window.maps, shown(), drawing_cache(window.drawing),
-                                       window.shown_surface, text, sizeof text, &width, &height);
+        window.slice_view
+            ? maps_slice(&window.maps, shown(), window.shown_surface, window.shown_layer,
+                         window.slice_s, window.slice_t, text, sizeof text, &width, &height)
+            : maps_cache(&window.maps, shown(), drawing_cache(window.drawing), window.shown_surface,
+                         window.shown_layer, text, sizeof text, &width, &height);
     if (map) show_map(o, scale, map, width, height, text);
   }
   if (window.statistics && !window.help) {
@@ -858,6 +917,8 @@ static slf_result draw_frame(slf_error *error) {
   slf_result result =
       drawing_render(window.drawing, &window.view, window.width_px, window.height_px, -1, error);
   if (result != SLF_OK) return result;
+  if (drawing_get_cost(window.drawing).depth.texel_count)
+    window.depth = drawing_get_cost(window.drawing).depth;
   draw_overlays();
   drawing_show(window.drawing, window.width_px, window.height_px);
   /* A file shows at once as matte; each frame makes it crisper. */

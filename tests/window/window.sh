@@ -1,6 +1,7 @@
 #!/bin/bash
 # A real window, under a virtual X server: what keys, mouse and resizing do is read from pixels.
-# usage: window.sh (from the repository's root; build/slfview and build/bench/room exist)
+# usage: window.sh (from the repository's root; build/slfview, build/bench/room, build/tests/window and
+# build/check-floor-layers.slf exist)
 set -u
 if [ "${1:-}" != inside ]; then
   out=build/tap/window; mkdir -p "$out"
@@ -43,11 +44,34 @@ green() { # PICTURE: pixels of the cache map's green
     -format '%[fx:int(mean*w*h)]' info:
 }
 
-echo "1..25"
+echo "1..42"
 build/bench/room 64 8 1 80 "$out/room.slf" && build/bench/room 32 4 1 80 "$out/small.slf" || exit 1
 slfview=$PWD/build/slfview
-( cd "$out" && rm -f slfview-* && exec "$slfview" room.slf small.slf --size 640x480 --watch --filter anisotropic ) \
-  > "$out/stdout" 2> "$out/stderr" & pid=$!
+
+# A scene shows at once as matte and becomes crisp: each frame is one level of detail, and slow.so lets
+# each stay for a while.
+for level in 0 1 2 3; do
+  "$slfview" "$out/room.slf" --output "$out/level$level.png" --size 320x240 --filter trilinear --detail $level || exit 1
+done
+LD_PRELOAD=$PWD/build/tests/window/slow.so "$slfview" "$out/room.slf" --size 320x240 --filter trilinear & pid=$!
+wait_for xdotool search --name room.slf; id=$(xdotool search --name room.slf | head -1)
+seen=
+for _ in $(seq 60); do
+  import -window "$id" "$out/frame.png"
+  for level in 3 2 1 0; do same frame level$level && [ "${seen: -1}" != $level ] && seen+=$level; done
+  [ "${seen: -1}" = 0 ] && break
+done
+kill "$pid"; wait "$pid" 2>/dev/null
+echo "# levels seen: $seen"
+check "a file shows coarse directions first, and finer ones frame by frame" eval '[[ $seen =~ ^3?2?1?0$ && $seen != 0 ]]'
+
+cat > "$out/blue.pov" <<POV
+#version 3.7;
+global_settings { assumed_gamma 1 }
+background { rgb <0, 0, 1> }
+POV
+( cd "$out" && rm -f slfview-* && exec "$slfview" room.slf small.slf --size 640x480 --watch --filter anisotropic \
+    --scene blue.pov ) > "$out/stdout" 2> "$out/stderr" & pid=$!
 wait_for xdotool search --name room.slf
 id=$(xdotool search --name room.slf | head -1)
 check "a window opens, titled with the file" [ -n "$id" ]
@@ -98,9 +122,55 @@ xdotool windowsize "$id" 800 500
 check "a resized window is redrawn at its new size" shows wide size_is wide 800x500
 "$slfview" "$out/room.slf" --output "$out/headless_wide.png" --size 800x500 --backend osmesa
 check "and shows the same camera" shows wide same_above wide headless_wide
+xdotool windowsize "$id" 640 480; wait_for shows reset same_above start reset
+
+# POV-Ray's picture of this view is blue.
+pixel() { convert "$out/$1.png" -format "%[pixel:p{$2,$3}]" info:; }
+key F5
+check "F5 shows POV-Ray's picture, right of a line" shows split eval '[ "$(pixel split 500 100)" = "srgb(0,0,255)" ]'
+check "and the file left of it" eval '[ "$(pixel split 100 100)" = "$(pixel start 100 100)" ]'
+key F6
+check "F6 shows them side by side" shows beside eval '[ "$(pixel beside 500 240)" = "srgb(0,0,255)" ] && [ "$(pixel beside 500 40)" = "srgb(0,0,0)" ]'
+key F6
+check "and their difference" shows difference differ_above beside difference 10000
+key F6 F5
+check "F5 ends it" shows reset same_above start reset
+
+# A camera of the path 2 s after the one before: played, the view moves between them.
+key Return; xdotool mousemove --window "$id" 320 100 mousedown 1 mousemove --window "$id" 420 110 mouseup 1; key Return u
+wait_for eval 'ls "$out"/slfview-*.path "$out"/slfview-*.inc "$out"/slfview-*.ini'
+check "U writes the path of two keys" eval '[ "$(grep -c "^[0-9]" "$out"/slfview-*.path)" = 2 ]'
+import -window "$id" "$out/key2.png"; key y
+check "Y plays it" shows played differ_above key2 played 10000
+key y Delete r; wait_for shows reset same_above start reset
+
+# Baked again: another light field under the same name.
+mv "$out/room.slf" "$out/first.slf"; build/bench/room 64 8 0 80 "$out/new.slf"; mv "$out/new.slf" "$out/room.slf"
+check "--watch reloads a file that was baked again" shows again differ_above start again 10000
+"$slfview" "$out/room.slf" --output "$out/headless_again.png" --backend osmesa
+check "and keeps the camera" shows again same_above again headless_again
+
 key F4
 check "F4 shows the next file" wait_for xdotool search --name small.slf
+cp "$out/small.slf" "$out/dropped.slf"
+check "a file is dropped on the window" build/tests/window/drop "$id" "$PWD/$out/dropped.slf"
+check "and shown" wait_for xdotool search --name dropped.slf
+key F3
+check "F3 shows the file before" wait_for xdotool search --name "^small.slf"
+import -window "$id" "$out/before.png"
+echo "no light field" > "$out/broken.slf"; build/tests/window/drop "$id" "$PWD/$out/broken.slf"
+check "a broken file is refused on stderr" wait_for grep -q broken.slf "$out/stderr"
+check "and in the window, which goes on" shows refused differ before refused 100
+build/tests/window/drop "$id" "$PWD/build/check-floor-layers.slf"
+wait_for xdotool search --name check-floor-layers.slf
+for mix in depth four-tap; do
+  "$slfview" build/check-floor-layers.slf --output "$out/$mix.png" --mix $mix --backend osmesa
+done
+check "reflections are mixed by depth" shows deep same_above deep depth
+key b
+check "B mixes them from four taps" shows taps same_above taps four-tap
 key Escape
 wait_for eval '! alive'
 wait "$pid"; rc=$?
-check "Escape ends it, in peace and in silence" [ "$rc" -eq 0 ] && [ ! -s "$out/stderr" ]
+check "Escape ends it in peace, with no more said than of the broken file" eval \
+  '[ "$rc" -eq 0 ] && [ "$(grep -vc broken.slf "$out/stderr")" -eq 0 ]'
