@@ -4,7 +4,7 @@
 #
 #   build/bake/NAME/options.mk   scene's folder, numbers, texel scale, rays
 #   build/bake/NAME/scene.txt    the surfaces, as POV-Ray describes them
-#   build/bake/NAME/look         the scene without the lines that only name surfaces
+#   build/bake/NAME/look         the scene without comments and the lines that only name surfaces
 #   build/bake/NAME/light.*      caches of its radiosity and photons (if it has Slf_Radiosity, Slf_Photons)
 #   build/bake/NAME/surfaces.mk  what each surface needs, as rules; chunks.mk: the chunks
 #   build/bake/NAME/SURFACE/     surface.txt, rays (if curved), cover, choice (if auto), and the chunks
@@ -53,7 +53,10 @@ BAKE_DIR := build/bake/$(BAKE)
 include $(BAKE_DIR)/options.mk
 BAKE_BIN := $(OUT)/bake
 export BAKE_LIGHT BAKE_DIR BAKE_SCENE BAKE_DECLARE BAKE_SCALE BAKE_RAYS BAKE_BIN
-BAKE_FILES := $(shell find $(BAKE_SCENE) -type f ! -name views)
+# Sorted: a folder's own order differs between file systems, and look holds them in this one.
+BAKE_FILES := $(sort $(shell find $(BAKE_SCENE) -type f ! -name views))
+BAKE_TEXTS := $(filter %.pov %.inc,$(BAKE_FILES))
+BAKE_OTHERS := $(filter-out $(BAKE_TEXTS),$(BAKE_FILES))
 
 $(BAKE_DIR)/scene.txt: $(BAKE_FILES) $(BAKE_DIR)/options.mk bake/slf.inc
 	@bake/trace describe $@
@@ -76,14 +79,17 @@ endef
 $(RAY_TABLES) $(COVERS) $(CHOICES) $(BAKE_DIR)/look: %: %.made
 	@:
 
+# Comments and blanks go from lines without quotes only, where they cannot be text.
 $(BAKE_DIR)/look.made: $(BAKE_FILES) $(BAKE_DIR)/options.mk
-	@{ cat $(BAKE_DIR)/options.mk; sed -E '/^[[:space:]]*Slf_[A-Za-z]+[[:space:]]*\(.*\)[[:space:]]*$$/d' $(BAKE_FILES); } \
-	  > $(BAKE_DIR)/look.part
+	@{ cat $(BAKE_DIR)/options.mk; export LC_ALL=C; sed -E \
+	  -e '/^[[:space:]]*Slf_(Quad|Box|Sphere|Lathe|Parametric|Wrap|Water|Hdr|Background)[[:space:]]*\([^#;]*\)[[:space:]]*(\/\/.*)?$$/d' \
+	  -e '/"/!{s|//.*||; s/[[:space:]]+/ /g; s/^ | $$//g; /^$$/d}' $(BAKE_TEXTS); \
+	  $(if $(BAKE_OTHERS),cksum $(BAKE_OTHERS);) } > $(BAKE_DIR)/look.part
 	$(call keep_if_same,$(BAKE_DIR)/look)
 
 # Radiosity and photons, computed once. Whatever sees the scene reads them.
 LIGHT := $(if $(BAKE_LIGHT),$(BAKE_DIR)/light.made)
-$(LIGHT): $(BAKE_DIR)/look $(BAKE_DIR)/scene.txt bake/camera.c bake/sample.c bake/frame.c | $(RAY_TABLES) $(COVERS)
+$(LIGHT): $(BAKE_DIR)/look $(COVERS:%cover=%surface.txt) bake/camera.c bake/sample.c bake/frame.c | $(RAY_TABLES) $(COVERS)
 	@bake/trace light '$(notdir $(patsubst %/,%,$(dir $(COVERS))))' $@
 
 $(RAY_PARTS): $(BAKE_DIR)/scene.txt bake/sample.c
@@ -98,7 +104,7 @@ $(addsuffix .made,$(CHOICES)): $(LIGHT) $(BAKE_DIR)/look bake/camera.c bake/samp
 	@bake/trace choice $(notdir $(@D)) $(@D)/choice.part
 	$(call keep_if_same,$(@D)/choice)
 
-$(CHUNKS): $(LIGHT) $(BAKE_DIR)/look $(addprefix bake/,camera.c frame.c cover.c sample.c layers.c image.c) | bake-begins
+$(CHUNKS): $(LIGHT) $(BAKE_DIR)/look $(addprefix bake/,camera.c frame.c surface.c cover.c sample.c layers.c image.c) | bake-begins
 	$(if $(BAKE_LIST),@echo $@,@bake/trace chunk $(notdir $(@D)) $(basename $(notdir $@)) $@)
 	$(if $(BAKE_LIST)$(FARM_TASK),,@$(BAKE_BIN)/progress report $(BAKE_DIR) $(BAKE_RAYS))
 .PHONY: bake-begins bake-ready bake-chunks

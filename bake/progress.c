@@ -18,7 +18,7 @@ static const double curved_ray_us = 5;
 
 typedef struct {
   uint64_t rays, rays_done;
-  uint64_t slices, slices_outside; /* of surfaces that are not matte */
+  uint64_t samples, samples_outside; /* U V S T of surfaces that are not matte */
   uint32_t chunks, chunks_done;
   uint64_t nbytes; /* of what is gathered */
   double left_us;  /* processor time of the rays not done, estimated */
@@ -50,8 +50,9 @@ static void add_surface(tally *sum, const char *folder, const surface *self, uin
   uint32_t slice_count, chunk_count = surface_chunk_count(self, rays);
   free(surface_slices(self, &slice_count));
   if (self->s_count * self->t_count > 1) {
-    sum->slices += self->s_count * self->t_count;
-    sum->slices_outside += self->s_count * self->t_count - slice_count;
+    uint64_t texels = (uint64_t)self->u_count * self->v_count;
+    sum->samples += texels * self->s_count * self->t_count;
+    sum->samples_outside += texels * (self->s_count * self->t_count - slice_count);
   }
   sum->nbytes += (uint64_t)self->u_count * self->v_count * slice_count * 6;
   for (uint32_t i = 0; i < chunk_count; i++) {
@@ -101,9 +102,11 @@ static void begin(const char *folder, const char *name, uint32_t rays) {
           surface_count == 1 ? "" : "s", (double)sum.rays * 1e-6, sum.chunks);
   if (sum.chunks_done) fprintf(stderr, ", %u of them baked already", sum.chunks_done);
   fprintf(stderr, "; about %s here and %.1f MB\n", time_text, (double)sum.nbytes * 1e-6);
-  if (sum.slices_outside)
-    fprintf(stderr, "bake %s: %llu of %llu slices skipped: outside the hemisphere\n", name,
-            (unsigned long long)sum.slices_outside, (unsigned long long)sum.slices);
+  if (sum.samples_outside)
+    fprintf(stderr,
+            "bake %s: %.3f M of %.3f M samples (U x V x S x T) skipped: their directions lie below "
+            "the surface\n",
+            name, (double)sum.samples_outside * 1e-6, (double)sum.samples * 1e-6);
   free(time_text);
   char *path = format_text("%s/begun", folder);
   FILE *file = fopen(path, "w");

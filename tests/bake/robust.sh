@@ -15,7 +15,7 @@ ok() { count=$((count + 1)); echo "ok $count - $1"; }
 not_ok() { count=$((count + 1)); echo "not ok $count - $1"; [ ! -s "$root/log" ] || sed 's/^/# /' "$root/log"; }
 check() { if eval "$2"; then ok "$1"; else not_ok "$1"; fi; }
 chunks() { find build/bake/robust -name '0*.exr' | sort; }
-echo 1..11
+echo 1..13
 
 # The undisturbed bake.
 start=$(date +%s%N)
@@ -50,10 +50,22 @@ touch "$root/before"; sleep 0.05
 bake > "$root/log" 2>&1
 check "nothing changed, nothing is baked" '[ -z "$(find build/bake/robust build/robust.slf -name "*.exr" -newer "$root/before")" ] && [ build/robust.slf -ot "$root/before" ]'
 
+# Nothing that rays could see changed: a comment, a template (slf.inc), a view. The file is packed at most.
+baked_since() { find build/bake/robust -name '0*.exr' -newer "$root/before"; }
+sed -i -e '1s|^|// another\n\n|' -e 's|^camera.*|&   // a remark|' "$scene"
+bake > "$root/log" 2>&1
+touch -r bake/slf.inc "$root/inc"; touch bake/slf.inc
+bake >> "$root/log" 2>&1
+touch -r "$root/inc" bake/slf.inc
+check "a comment or a template that says the same: nothing is baked" '[ -z "$(baked_since)" ] && cmp build/robust.slf "$root/undisturbed.slf"'
+echo "another 0 2 -5  0 0.5 0  40" >> "$root/scenes/robust/views"
+bake > "$root/log" 2>&1
+check "a view more: packed, not baked" '[ -z "$(baked_since)" ] && build/slf info build/robust.slf | grep -q another'
+
 # A surface's own line changed: only that surface is baked.
 sed -i 's/0.6, <16, 16>, Slf_Matte/0.6, <24, 16>, Slf_Matte/' "$scene"
 bake > "$root/log" 2>&1
-check "a surface's line changed: only its chunks are baked" '[ "$(find build/bake/robust -name "0*.exr" -newer "$root/before")" = build/bake/robust/ball/0000.exr ]'
+check "a surface's line changed: only its chunks are baked" '[ "$(baked_since)" = build/bake/robust/ball/0000.exr ]'
 
 # The scene changed: everything is.
 touch "$root/before"; sleep 0.05
