@@ -71,10 +71,12 @@ plane { x, -Half
   #declare I = I + 1;
 #end
 
+// Without sturm POV-Ray misses one ray in a thousand, near the ends of segments.
 lathe {
   bezier_spline 4*(Steps + 1)
   #declare I = 0;
   #while (I < 4*(Steps + 1)) , Profile[I] #declare I = I + 1; #end
+  sturm
   pigment { rgb <0.90, 0.90, 0.92> }
   finish { ambient 0 diffuse 0.08 reflection { 0.88 metallic } phong 0.8 phong_size 60 metallic }
 }
