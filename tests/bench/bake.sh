@@ -1,8 +1,12 @@
 #!/bin/bash
 # Rays a processor second of the bake, everything included (places of rays, cover, cameras, POV-Ray,
-# means, packing), over those of POV-Ray's own perspective render of the same scene with as many rays.
-# Side by side, in processor seconds, from a camera that sees little but the surface that is baked: a
-# ray of either then does the same work. Writes build/bench/bake.json.
+# means, packing), over those of POV-Ray's own perspective render of the same scene with as many rays,
+# both on all processors. Writes build/bench/bake.json:
+#   bake_planar_vs_povray, bake_curved_vs_povray         like with like: from cameras that see the surface
+#                                                        that is baked and little else, in directions as
+#                                                        oblique as a bake's (their mean n is 2/3)
+#   bake_planar_vs_own_camera, bake_curved_vs_own_camera from the scene's own camera, which mostly sees
+#                                                        matte walls, whose rays end there
 set -eu
 cd "$(dirname "$0")/../.."
 mkdir -p build/bench
@@ -14,30 +18,47 @@ cpu_s() {
   times=$({ time "$@" > build/bench/bake.log 2>&1; } 2>&1) || { cat build/bench/bake.log >&2; return 1; }
   awk '{ print $1 + $2 }' <<< "$times"
 }
-sum() { awk "BEGIN { print $* }"; }
+calculate() { awk "BEGIN { print $* }"; }
 
-# compare SCENE SURFACE NAME DECLARE RAYS_IN_ALL WIDTH HEIGHT CAMERA: prints the ratio.
-compare() {
-  scene=$1 surface=$2 name=$3 declare=$4 rays=$5 width=$6 height=$7 camera=$8
-  bake=(make --no-print-directory bake "SCENE=$scene" "NAME=$name" "DECLARE=$declare" QUALITY=paper RAYS=9)
-  printf '#version 3.7;\n#include "scenes/%s/%s.pov"\ncamera { perspective right x up y %s }\n' "$scene" "$scene" "$camera" \
-    > build/bench/bake.pov
-  povray=(povray +Ibuild/bench/bake.pov +Lbake "+Lscenes/$scene" "+W$width" "+H$height" +WT1 -A -D -V +FE "+Obuild/bench/bake.exr")
-  for value in $declare; do povray+=("Declare=$value"); done
-  "${bake[@]}" > build/bench/bake.log 2>&1
-  rm -rf build/bake/"$name/$surface"/{0*.exr,rays*,cover*}
-  ours=$(cpu_s "${bake[@]}")
-  theirs=$(cpu_s "${povray[@]}")
-  echo "$name: $rays rays baked in $ours s; $((width*height)) rendered in $theirs s" >&2
-  sum "($rays/$ours)/($width*$height/$theirs)"
+# render SCENE DECLARE SIDE CAMERA: processor seconds of POV-Ray's picture of SIDE x SIDE rays.
+render() {
+  local povray=(povray +Ibuild/bench/bake.pov +Lbake "+Lscenes/$1" "+W$3" "+H$3" "+WT$(nproc)" -A -D -V +FE
+    +Obuild/bench/bake.exr)
+  for value in $2; do povray+=("Declare=$value"); done
+  printf '#version 3.7;\n#include "%s.pov"\n' "$1" > build/bench/bake.pov
+  [ "$4" = own ] || echo "camera { perspective right x up y $4 }" >> build/bench/bake.pov
+  cpu_s "${povray[@]}"
 }
 
-# 9 rays; of 16 x 16 slices 244 exist, of 8 x 8 all.
-planar=$(compare floor floor bench-planar "Mirror=1 Texels=64 Directions=16" $((64*64*244*9)) 3072 2928 \
-  'location <-0.3, 3.9, -1.2> angle 84 look_at <-0.3, 0, -1.201>')
-curved=$(compare bottle bottle bench-curved "Texels=32 Directions=8" $((32*32*64*9)) 768 768 \
-  'location <-0.9, 0.9, -1.8> angle 33 look_at <0, 0.85, 0>')
-printf '{\n  "bake_planar_vs_povray": %.3f,\n  "bake_curved_vs_povray": %.3f\n}\n' "$planar" "$curved" \
-  > build/bench/bake.json.part
+# compare SCENE SURFACE NAME DECLARE RAYS CAMERA...: the ratios, from the cameras together and from the own
+compare() {
+  local scene=$1 surface=$2 name=$3 declare=$4 rays=$5 bake ours theirs=0 own slices texels side
+  shift 5
+  bake=(make --no-print-directory bake "SCENE=$scene" "NAME=$name" "DECLARE=$declare" QUALITY=paper "RAYS=$rays")
+  "${bake[@]}" > build/bench/bake.log 2>&1 || { cat build/bench/bake.log >&2; return 1; }
+  rm -rf build/bake/"$name/$surface"/{0*.exr,rays*,cover*}
+  ours=$(cpu_s "${bake[@]}")
+  read -r texels slices < <(build/slf info build/"$name".slf | awk -v surface="$surface" '
+    $1 == "surface" { here = $3 == surface }
+    here && match($0, /[0-9]+x[0-9]+ texels/) { split(substr($0, RSTART), t, /[x ]/); match($0, /\([0-9]+ slices/)
+      print t[1]*t[2], substr($0, RSTART + 1) + 0 }')
+  side=$(calculate "int(sqrt($texels*$slices*$rays))")
+  for camera; do theirs=$(calculate "$theirs + $(render "$scene" "$declare" "$side" "$camera")"); done
+  own=$(render "$scene" "$declare" "$side" own)
+  echo "$name: $((texels*slices*rays)) rays baked in $ours s; $#x $((side*side)) rendered in $theirs s, of the scene's own camera in $own s" >&2
+  calculate "$#*$side*$side/$theirs" "$side*$side/$own" "$texels*$slices*$rays/$ours" >&2
+  awk -v ours="$ours" -v rays=$((texels*slices*rays)) -v pixels=$((side*side)) -v theirs="$theirs" -v own="$own" -v n=$# \
+    'BEGIN { printf "%.3f %.3f\n", rays/ours/(n*pixels/theirs), rays/ours/(pixels/own) }'
+}
+
+# The floor from above the middle of the hall; the bottle's body level and from 45 degrees above and below.
+read -r planar planar_own < <(compare floor floor bench-planar "Mirror=1 Texels=64 Directions=16" 25 \
+  'location <0, 2.9, 0> angle 108 look_at <0, 0, -0.001>')
+read -r curved curved_own < <(compare bottle bottle bench-curved "Texels=32 Directions=8" 25 \
+  'location <-0.9, 0.9, -1.8> angle 33 look_at <0, 0.85, 0>' \
+  'location <-0.75, 2.25, -1.5> angle 25 look_at <-0.2, 1.05, -0.4>' \
+  'location <-0.9, 0.02, -1.8> angle 25 look_at <-0.2, 0.95, -0.4>')
+printf '{\n  "bake_planar_vs_povray": %s,\n  "bake_planar_vs_own_camera": %s,\n  "bake_curved_vs_povray": %s,\n  "bake_curved_vs_own_camera": %s\n}\n' \
+  "$planar" "$planar_own" "$curved" "$curved_own" > build/bench/bake.json.part
 mv build/bench/bake.json.part build/bench/bake.json
 cat build/bench/bake.json
