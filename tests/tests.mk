@@ -17,10 +17,10 @@ build/tests/images/compare: build/obj/tests/images/compare.o
 	@mkdir -p $(@D)
 	$(call say,link,$@)$(CC) -o $@ $^ $(ALL_LDFLAGS) $(shell pkg-config --libs libpng) -lm
 
-# The viewer's ripples as a mesh for POV-Ray.
-build/tests/pond/water_mesh: build/obj/tests/pond/water_mesh.o $(VIEWER_CORE_OBJECTS) $(LIBSLF)
+# The viewer's ripples as a mesh for POV-Ray, and how far ripples move a reflection.
+build/tests/pond/%: build/obj/tests/pond/%.o $(VIEWER_CORE_OBJECTS) $(LIBSLF)
 	@mkdir -p $(@D)
-	$(call say,link,$@)$(CC) -o $@ $^ $(ALL_LDFLAGS) -lm
+	$(call say,link,$@)$(CC) -o $@ $^ $(ALL_LDFLAGS) $(shell pkg-config --libs libpng) -lm
 
 # Small bakes that still mean something. The dull floor takes more rays than a preview: its facets
 # are noise that only rays average out.
@@ -29,6 +29,7 @@ check-bakes: all
 	$(MAKE) bake SCENE=floor NAME=check-floor RAYS=25
 	$(MAKE) bake SCENE=floor NAME=check-floor-mirror QUALITY=paper RAYS=1 DECLARE="Mirror=1 Directions=32"
 	$(MAKE) bake SCENE=pond NAME=check-pond RAYS=1
+	$(MAKE) bake SCENE=pond NAME=check-pond-layers RAYS=1 DECLARE="Texels=256 Directions=8 Slf_Layers=8"
 	$(MAKE) bake SCENE=floor NAME=check-floor-layers RAYS=1 DECLARE="Mirror=1 Texels=256 Directions=8 Slf_Layers=8"
 
 .PHONY: unit-suites format
@@ -39,7 +40,7 @@ build/clang.ok: $(wildcard codec/*.[ch] bake/*.[ch] viewer/*.[ch] tests/*/*.[ch]
 	$(MAKE) CC=clang CONFIG=debug all unit-suites
 	@touch $@
 
-check: all unit-suites build/clang.ok build/tests/images/compare build/tests/pond/water_mesh check-bakes | $(CHECK_DEPS) ## Run all the tests, installing what they need
+check: all unit-suites build/clang.ok build/tests/images/compare build/tests/pond/water_mesh build/tests/pond/wiggle check-bakes | $(CHECK_DEPS) ## Run all the tests, installing what they need
 	$(MAKE) CONFIG=asan all unit-suites
 	@tests/run build/tap $(UNIT_SUITES) $(UNIT_SUITES:build/%=build/asan/%) $(SHELL_SUITES)
 
