@@ -5,7 +5,7 @@
  * Whole frames of 640x480 with software GL: steps of the water, its normals, bent directions, mix,
  * mip levels, upload, drawing, and the wait for the last pixel. Compressed is the block cache over
  * the file; uncompressed the same code over a table of decoded blocks, all slices of a block side
- * by side. Rounds of the two alternate; a ratio is the median over rounds, frames a second the
+ * by side. Frames of the two alternate; a ratio is the median over rounds, frames a second the
  * median over frames. Keys that end in _cpu are by processor time of all threads instead of the
  * clock, for when others share the machine. Each file is measured with water grids of 64 and of 128
  * cells; the keys without a file's name are the worst over all.
@@ -18,48 +18,17 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
+#include "tests/bench/figures.h"
 #include "viewer/context.h"
 #include "viewer/draw.h"
 #include "viewer/gl_api.h"
 
 enum { ROUNDS = 5, FRAMES = 40, WIDTH_PX = 640, HEIGHT_PX = 480 };
 
-static double read_clock(clockid_t clock) {
-  struct timespec t;
-  clock_gettime(clock, &t);
-  return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
-static double now_s(void) {
-  return read_clock(CLOCK_MONOTONIC);
-}
-
-static double cpu_s(void) {
-  return read_clock(CLOCK_PROCESS_CPUTIME_ID);
-}
-
 static void fail(const char *what) {
   fprintf(stderr, "pond: %s\n", what);
   exit(1);
-}
-
-static int by_value(const void *a, const void *b) {
-  const double x = *(const double *)a, y = *(const double *)b;
-  return (x > y) - (x < y);
-}
-
-static double median(double *values, size_t count) {
-  qsort(values, count, sizeof *values, by_value);
-  return values[count / 2];
-}
-
-static void print(const char *key, const char *name, double value) {
-  static bool first = true;
-  printf("%s\n  \"%s%s%s\": %.4g", first ? "{" : ",", key, name[0] ? "_" : "", name, value);
-  fflush(stdout);
-  first = false;
 }
 
 /* ---- The uncompressed light field --------------------------------------------------------------
@@ -150,14 +119,13 @@ static double total(const double *values, size_t count) {
   return sum;
 }
 
-static void calm_frames(scene *x, const slf_file *file, double *frames) {
+static void calm(scene *x, const slf_file *file) {
+  (void)file;
   water_reset(x->water);
-  x->cpu_s = 0;
-  for (int i = 0; i < FRAMES; i++) frames[i] = frame_s(x, file, 1 / 60.0);
 }
 
 /* The same on every call: what the calm view needs is in the cache, nothing else. */
-static void disturbed_frames(scene *x, const slf_file *file, double *frames) {
+static void disturb(scene *x, const slf_file *file) {
   water_reset(x->water);
   block_cache_clear(drawing_cache(x->drawing));
   frame_s(x, file, 0);
@@ -167,8 +135,6 @@ static void disturbed_frames(scene *x, const slf_file *file, double *frames) {
   ripple_drop(pond, 0.4f, 0.4f, size / 20, -size / 30);
   ripple_stroke(pond, 0.2f, 0.7f, 0.8f, 0.6f, size / 30, size / 100);
   ripple_rain(pond, 20, size / 32, -size / 80, 1);
-  x->cpu_s = 0;
-  for (int i = 0; i < FRAMES; i++) frames[i] = frame_s(x, file, 1 / 60.0);
 }
 
 typedef struct {
@@ -176,15 +142,20 @@ typedef struct {
   double fps;              /* compressed */
 } speed;
 
-/* Rounds of both in turn. */
+/* Frames of both in turn, so that whatever else the machine does meets both. */
 static speed compare(scene *cached, scene *plain, const slf_file *file,
-                     void (*frames)(scene *, const slf_file *, double *)) {
-  static double all[ROUNDS * FRAMES];
-  double ratios[ROUNDS], ratios_cpu[ROUNDS], plain_frames[FRAMES];
+                     void (*begin)(scene *, const slf_file *)) {
+  double all[ROUNDS * FRAMES], plain_frames[FRAMES], ratios[ROUNDS], ratios_cpu[ROUNDS];
   for (int round = 0; round < ROUNDS; round++) {
-    frames(plain, file, plain_frames);
-    frames(cached, file, all + round * FRAMES);
-    ratios[round] = total(plain_frames, FRAMES) / total(all + round * FRAMES, FRAMES);
+    double *frames = all + round * FRAMES;
+    begin(plain, file);
+    begin(cached, file);
+    plain->cpu_s = cached->cpu_s = 0;
+    for (int i = 0; i < FRAMES; i++) {
+      plain_frames[i] = frame_s(plain, file, 1 / 60.0);
+      frames[i] = frame_s(cached, file, 1 / 60.0);
+    }
+    ratios[round] = total(plain_frames, FRAMES) / total(frames, FRAMES);
     ratios_cpu[round] = plain->cpu_s / cached->cpu_s;
   }
   return (speed){median(ratios, ROUNDS), median(ratios_cpu, ROUNDS),
@@ -251,29 +222,30 @@ static void measure(const slf_file *file, const char *name, uint32_t cells, tabl
   scene plain = open_scene(file, tables), cached = open_scene(file, compressed);
   snprintf(key, sizeof key, "%s_grid_%u", name, cells);
 
-  const speed calm = compare(&cached, &plain, file, calm_frames);
-  print("pond_calm_vs_uncompressed_fps", key, calm.ratio);
-  print("pond_calm_vs_uncompressed_cpu", key, calm.ratio_cpu);
-  print("pond_fps_calm", key, calm.fps);
+  const speed still = compare(&cached, &plain, file, calm);
+  print_figure("pond_calm_vs_uncompressed_fps", key, still.ratio);
+  print_figure("pond_calm_vs_uncompressed_cpu", key, still.ratio_cpu);
+  print_figure("pond_fps_calm", key, still.fps);
   small.cache_blocks = 2 * block_cache_resident(drawing_cache(cached.drawing));
-  const speed disturbed = compare(&cached, &plain, file, disturbed_frames);
-  print("pond_disturbed_vs_uncompressed_fps", key, disturbed.ratio);
-  print("pond_disturbed_vs_uncompressed_cpu", key, disturbed.ratio_cpu);
-  print("pond_fps_disturbed", key, disturbed.fps);
+  const speed disturbed = compare(&cached, &plain, file, disturb);
+  print_figure("pond_disturbed_vs_uncompressed_fps", key, disturbed.ratio);
+  print_figure("pond_disturbed_vs_uncompressed_cpu", key, disturbed.ratio_cpu);
+  print_figure("pond_fps_disturbed", key, disturbed.fps);
   const water_counts *rays = &cached.water->counts;
-  print("pond_below_horizon_share", key, (double)rays->below_count / (double)rays->ray_count);
+  print_figure("pond_below_horizon_share", key,
+               (double)rays->below_count / (double)rays->ray_count);
   drawing_free(cached.drawing);
 
   cached = open_scene(file, small);
-  const speed paper = compare(&cached, &plain, file, disturbed_frames);
-  print("pond_small_cache_blocks", key, (double)small.cache_blocks);
-  print("pond_disturbed_small_cache_vs_uncompressed_fps", key, paper.ratio);
+  const speed paper = compare(&cached, &plain, file, disturb);
+  print_figure("pond_small_cache_blocks", key, (double)small.cache_blocks);
+  print_figure("pond_disturbed_small_cache_vs_uncompressed_fps", key, paper.ratio);
   drawing_free(cached.drawing);
   drawing_free(plain.drawing);
 
   const double mix = texture_ratio(file, &compressed, &tables);
-  print("pond_disturbed_vs_uncompressed_texture", key, mix);
-  worst_calm = fmin(worst_calm, calm.ratio);
+  print_figure("pond_disturbed_vs_uncompressed_texture", key, mix);
+  worst_calm = fmin(worst_calm, still.ratio);
   worst_disturbed = fmin(worst_disturbed, disturbed.ratio);
   worst_small = fmin(worst_small, paper.ratio);
   worst_texture = fmin(worst_texture, mix);
@@ -289,8 +261,8 @@ static void measure_file(const char *path) {
   name[strcspn(name, ".")] = 0;
   if (slf_open(path, &file, &error) != SLF_OK) fail(error.message);
   const slf_layer *layer = &slf_get_surface(file, water_index(file))->layers[0];
-  print("pond_compression", name,
-        (double)layer->raw_nbytes / (double)(layer->payload_nbytes + layer->index_nbytes));
+  print_figure("pond_compression", name,
+               (double)layer->raw_nbytes / (double)(layer->payload_nbytes + layer->index_nbytes));
   table_set set = {file, calloc(slf_surface_count(file), sizeof *set.tables)};
   if (!set.tables) fail("out of memory");
   for (uint32_t cells = 64; cells <= 128; cells *= 2) measure(file, name, cells, &set);
@@ -326,8 +298,8 @@ static void measure_steps(void) {
     const double step_s = median(times, ROUNDS);
     char key[32];
     snprintf(key, sizeof key, "%u", cells);
-    print("ripple_step_ms", key, 1e3 * step_s);
-    print("ripple_step_ns_a_cell", key, 1e9 * step_s / (cells * cells));
+    print_figure("ripple_step_ms", key, 1e3 * step_s);
+    print_figure("ripple_step_ns_a_cell", key, 1e9 * step_s / (cells * cells));
     ripple_destroy(pond);
   }
   /* Still falling asleep: from 1000 times the height at which the water is set to rest, against
@@ -353,7 +325,7 @@ static void measure_steps(void) {
     spent[late] += now_s() - start;
     counts[late]++;
   }
-  print("ripple_calming_vs_waving_step", "", spent[1] / counts[1] / (spent[0] / counts[0]));
+  print_figure("ripple_calming_vs_waving_step", "", spent[1] / counts[1] / (spent[0] / counts[0]));
   ripple_destroy(pond);
 }
 
@@ -364,11 +336,11 @@ int main(int argc, char **argv) {
     fail(error.message);
   measure_steps();
   for (int i = 1; i < argc; i++) measure_file(argv[i]);
-  print("pond_calm_vs_uncompressed_fps", "", worst_calm);
-  print("pond_disturbed_vs_uncompressed_fps", "", worst_disturbed);
-  print("pond_disturbed_small_cache_vs_uncompressed_fps", "", worst_small);
-  print("pond_disturbed_vs_uncompressed_texture", "", worst_texture);
-  if (isfinite(fps_disturbed_256)) print("pond_fps_disturbed_256", "", fps_disturbed_256);
-  puts("\n}");
+  print_figure("pond_calm_vs_uncompressed_fps", "", worst_calm);
+  print_figure("pond_disturbed_vs_uncompressed_fps", "", worst_disturbed);
+  print_figure("pond_disturbed_small_cache_vs_uncompressed_fps", "", worst_small);
+  print_figure("pond_disturbed_vs_uncompressed_texture", "", worst_texture);
+  if (isfinite(fps_disturbed_256)) print_figure("pond_fps_disturbed_256", "", fps_disturbed_256);
+  end_figures();
   return 0;
 }

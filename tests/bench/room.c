@@ -2,8 +2,9 @@
  * ball, all in closed form. For speed, which needs light fields of any size at once, and for tests
  * of the window, which need some file.
  *
- *   room TEXELS DIRECTIONS SAMPLES QUALITY OUT.slf
+ *   room TEXELS DIRECTIONS SAMPLES QUALITY OUT.slf [BALL_TEXELS]
  *
+ * TEXELS along each side of the floor, and of the ball unless told otherwise.
  * SAMPLES squared per texel, spread over its (U,V) and its (S,T) cell; 0 makes every texel of floor
  * and ball 0.5 in every direction, so that whatever a viewer shows of them must be just that. */
 #include <math.h>
@@ -200,8 +201,8 @@ static slf_result add_surface(slf_writer *writer, const char *name, shape *s, ui
 }
 
 int main(int argc, char **argv) {
-  if (argc != 6) {
-    fputs("usage: room TEXELS DIRECTIONS SAMPLES QUALITY OUT.slf\n", stderr);
+  if (argc != 6 && argc != 7) {
+    fputs("usage: room TEXELS DIRECTIONS SAMPLES QUALITY OUT.slf [BALL_TEXELS]\n", stderr);
     return 2;
   }
   uint32_t texels = (uint32_t)atoi(argv[1]), directions = (uint32_t)atoi(argv[2]),
@@ -220,7 +221,8 @@ int main(int argc, char **argv) {
   for (size_t i = 0; i < sizeof views / sizeof *views && result == SLF_OK; i++)
     result = slf_writer_add_view(writer, &views[i], &error);
   shape floor_shape = {floor_at, texels, directions, samples},
-        ball_shape = {ball_at, texels, directions, samples}, wall_shape = {wall_at, 128, 1, 2};
+        ball_shape = {ball_at, argc == 7 ? (uint32_t)atoi(argv[6]) : texels, directions, samples},
+        wall_shape = {wall_at, 128, 1, 2};
   if (result == SLF_OK)
     result = add_surface(writer, "floor", &floor_shape, 4, SLF_SURFACE_WATER, quality, &error);
   if (result == SLF_OK)
