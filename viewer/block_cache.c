@@ -207,13 +207,38 @@ static void decode_mean(cached_layer *layer, slice_index slice, uint32_t block_u
 /* ---- Fetching ----------------------------------------------------------------------------------
  */
 
-static void decompress(cached_layer *layer, uint32_t block_u, uint32_t block_v,
-                       const slice_index *slices, size_t count, uint8_t *const *targets) {
+/* Slices in the order in which slf_decode_blocks reads them fastest: 2x2 of them after each other,
+ * in a round trip. Shell's sort: few, and often nearly in order. */
+static uint32_t decoding_order(slice_index slice) {
+  uint32_t s = slice >> 8, t = slice & 0xff, place = t & 1 ? 3 - (s & 1) : s & 1;
+  return t / 2 << 9 | s / 2 << 2 | place;
+}
+
+static void sort_for_decoding(slice_index *slices, uint8_t **targets, size_t count) {
+  static const size_t gaps[] = {57, 23, 10, 4, 1};
+  for (size_t g = 0; g < sizeof gaps / sizeof *gaps; g++)
+    for (size_t i = gaps[g]; i < count; i++) {
+      slice_index slice = slices[i];
+      uint8_t *target = targets[i];
+      uint32_t order = decoding_order(slice);
+      size_t k = i;
+      for (; k >= gaps[g] && decoding_order(slices[k - gaps[g]]) > order; k -= gaps[g]) {
+        slices[k] = slices[k - gaps[g]];
+        targets[k] = targets[k - gaps[g]];
+      }
+      slices[k] = slice;
+      targets[k] = target;
+    }
+}
+
+static void decompress(cached_layer *layer, uint32_t block_u, uint32_t block_v, slice_index *slices,
+                       uint8_t **targets, size_t count) {
   slf_block_address addresses[BLOCK_MAX_SLICES];
   if (layer->level > 0) {
     for (size_t i = 0; i < count; i++) decode_mean(layer, slices[i], block_u, block_v, targets[i]);
     return;
   }
+  sort_for_decoding(slices, targets, count);
   for (size_t i = 0; i < count; i++) {
     addresses[i] = address_of(slices[i], block_u, block_v);
     count_decompression(layer, addresses[i]);
@@ -254,7 +279,7 @@ static void fetch_blocks(void *context, uint32_t block_u, uint32_t block_v,
   cache->counts.frame_lookups += count;
   cache->counts.hits += count - missing_count;
   cache->counts.frame_hits += count - missing_count;
-  if (missing_count > 0) decompress(layer, block_u, block_v, missing, missing_count, targets);
+  if (missing_count > 0) decompress(layer, block_u, block_v, missing, targets, missing_count);
 }
 
 void block_cache_clear(block_cache *cache) {

@@ -60,7 +60,7 @@ $(OUT)/tests/window/slow.so: $(OBJ)/tests/window/slow.o
 	$(call say,link,$@)$(CC) $(ALL_CFLAGS) -shared $^ $(ALL_LDFLAGS) -ldl -o $@
 
 .PHONY: bench-viewer
-bench-viewer: $(addprefix $(OUT)/bench/,room viewer open) $(OUT)/slfview
+bench-viewer: $(addprefix $(OUT)/bench/,viewer open) $(OUT)/slfview build/tests/images/compare
 	@tests/bench/viewer.sh
 
 .PHONY: install-viewer

@@ -1,49 +1,73 @@
 #!/bin/bash
 # What the viewer costs, as one flat object of named numbers: build/bench/viewer.json.
-# usage: viewer.sh [FILE.slf...], from the repository's root. Without files it makes rooms of mirrors
-# in closed form, 256x256 texels, 8 to 64 directions. Files are named SCENE_DIRECTIONS.slf; the keys
-# without a scene's name are the worst over the scenes.
+# usage: viewer.sh, from the repository's root, after make bench-bakes. Keys end in SCENE_DIRECTIONS;
+# those without a scene's name are the worst over the scenes. Bottle and cube are the paper's shapes; the
+# pond, a floor of 256x256 texels, is as large as the paper's surfaces were.
 set -eu
 out=build/bench; mkdir -p "$out"
-files=("$@")
-if [ $# -eq 0 ]; then
-  for directions in 8 16 32 64; do
-    file=$out/room_$directions.slf
-    # A file of an older format is made again.
-    build/slf verify "$file" > /dev/null 2>&1 || build/bench/room 256 $directions 1 80 "$file"
-    files+=("$file")
-  done
-fi
-build/bench/viewer "${files[@]}" > "$out/viewer_cache.json"
-largest=$(ls -S "${files[@]}" | head -1)
-for size in 640x480 1280x720; do
-  for filter in trilinear anisotropic; do
-    build/slfview "$largest" --bench 40 --size $size --filter $filter > "$out/viewer_frame_${size}_$filter.json"
-  done
+files=()
+for job in bottle-{8,16,32,64} cube-{8,16,32,64} pond-32; do
+  file=build/bench-$job.slf
+  [ -s "$file" ] || { echo "viewer.sh: $file is missing: make bench-bakes" >&2; exit 1; }
+  files+=("$file")
 done
-python3 - "$out" "$largest" <<'PYTHON'
-import json, os, subprocess, sys, time
-out, largest = sys.argv[1:]
-keys = json.load(open(f"{out}/viewer_cache.json"))
-worst = {}
-for key, value in list(keys.items()):
-    what, _, directions = key.rpartition("_")
-    what = what.rpartition("_")[0]
-    if directions.isdigit() and "vs" in what or what.startswith("decompressions_per_block"):
-        name = f"{what}_{directions}"
-        worst[name] = max(worst.get(name, 0), value)
-keys.update(worst)
-for size in ("640x480", "1280x720"):
+build/bench/viewer "${files[@]}" > "$out/viewer_cache.json"
+largest=$(ls -S build/bench-*.slf | head -1) smallest=$(ls -rS build/bench-*.slf | head -1)
+for which in largest smallest; do build/bench/open "${!which}" > "$out/viewer_open_$which.json"; done
+
+# Whole frames, of a camera that moves by a degree each, and POV-Ray's picture of the first view, one
+# ray a pixel.
+for scene in bottle cube; do
+  file=build/bench-$scene-32.slf
+  for filter in trilinear anisotropic; do
+    build/slfview "$file" --bench 40 --size 1280x720 --filter $filter > "$out/viewer_frame_${scene}_$filter.json"
+  done
+  build/slfview "$file" --bench 40 --size 640x480 --filter trilinear > "$out/viewer_view_$scene.json"
+  view=$(awk '!/^#/ && NF { print $1; exit }' scenes/$scene/views)
+  build/slfview "$file" --output "$out/viewer_$scene.png" --size 640x480 --view "$view"
+  surface=$scene; [ $scene = cube ] && surface=cube_near
+  build/slfview "$file" --output "$out/viewer_${scene}_mask.png" --size 640x480 --view "$view" --mask $surface
+  log=$out/viewer_$scene.log tests/truth $scene "$view" 640x480 1 "$out/viewer_${scene}_truth.png" 2>&1
+  compare -metric PSNR "$out/viewer_$scene.png" "$out/viewer_${scene}_truth.png" null: 2> "$out/viewer_$scene.psnr" || true
+  build/tests/images/compare "$out/viewer_${scene}_truth.png" "$out/viewer_$scene.png" "$out/viewer_${scene}_mask.png" \
+    > "$out/viewer_${scene}_surface.psnr"
+done
+
+python3 - "$out" "$largest" "$smallest" <<'PYTHON'
+import json, os, re, sys
+out, largest, smallest = sys.argv[1:]
+read = lambda name: json.load(open(f"{out}/viewer_{name}.json"))
+keys = {}
+for key, value in read("cache").items():  # warm_vs_uncompressed_bench-bottle-32
+    what, _, name = key.rpartition("_bench-")
+    scene, directions = name.split("-")
+    keys[f"{what}_{scene}_{directions}"] = value
+    if "_vs_" in what or what.startswith("decompressions_per_block"):
+        worst = f"{what}_{directions}"
+        keys[worst] = max(keys.get(worst, 0), value)
+for scene in ("bottle", "cube"):
+    for what in ("frame_ms_warm", "frame_ms_moving"):
+        ours, theirs = ([keys[f"{prefix}{what}_{scene}_{n}"] for n in (8, 64)] for prefix in ("", "uncompressed_"))
+        keys[f"{what}_growth_8_to_64_{scene}"] = ours[1] / ours[0]
+        keys[f"uncompressed_{what}_growth_8_to_64_{scene}"] = theirs[1] / theirs[0]
+for which, path in (("largest", largest), ("smallest", smallest)):
+    keys.update({f"{key}_{which}": value for key, value in read(f"open_{which}").items()})
+    keys[f"file_mb_{which}"] = os.path.getsize(path) / 1e6
+for scene in ("bottle", "cube"):
     for texture_filter in ("trilinear", "anisotropic"):
-        frame = json.load(open(f"{out}/viewer_frame_{size}_{texture_filter}.json"))
-        for part in ("frames_per_s", "frame_ms", "resample_ms", "upload_ms", "driver_ms"):
-            keys[f"{part}_{size}_{texture_filter}"] = frame[part]
-# Opening: one frame of 16x16 pixels, a small file against the largest; resident memory at its end.
-for name, path in (("largest", largest),):
-    start = time.time()
-    child = subprocess.Popen(["build/bench/open", path], stdout=subprocess.PIPE, text=True)
-    keys.update({f"{k}_{name}": v for k, v in json.loads(child.communicate()[0]).items()})
-    keys[f"file_mb_{name}"] = os.path.getsize(path) / 1e6
+        frame = read(f"frame_{scene}_{texture_filter}")
+        name = f"1280x720_{texture_filter}_{scene}_32"
+        keys[f"frames_per_s_{name}"] = frame["frames_per_s"]
+        for part in ("resample", "upload", "driver"):
+            keys[f"{part}_share_{name}"] = frame[f"{part}_ms"] / frame["frame_ms"]
+    trace_s = float(re.search(r"Trace Time:.*\(([\d.]+) seconds\)", open(f"{out}/viewer_{scene}.log").read())[1])
+    keys[f"view_povray_s_{scene}_32"] = trace_s
+    keys[f"view_ms_{scene}_32"] = read(f"view_{scene}")["frame_ms"]
+    keys[f"view_vs_povray_speedup_{scene}_32"] = trace_s * 1e3 / keys[f"view_ms_{scene}_32"]
+    keys[f"view_vs_povray_psnr_{scene}_32"] = float(open(f"{out}/viewer_{scene}.psnr").read().split()[0])
+    keys[f"view_vs_povray_psnr_surface_{scene}_32"] = float(open(f"{out}/viewer_{scene}_surface.psnr").read().split()[0])
+for what in ("speedup", "psnr", "psnr_surface"):
+    keys[f"view_vs_povray_{what}"] = min(keys[f"view_vs_povray_{what}_{scene}_32"] for scene in ("bottle", "cube"))
 json.dump(keys, open(f"{out}/viewer.json.part", "w"), indent=2)
 os.rename(f"{out}/viewer.json.part", f"{out}/viewer.json")
 PYTHON
