@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <time.h>
 
 #include "checked_file.h"
@@ -529,17 +530,20 @@ static slf_result bench(const options *o, const slf_file *file, const slf_view *
     decoded += (double)counts->frame_decompressions;
     again += (double)counts->frame_decompressions_again;
   }
+  struct rusage usage;
+  getrusage(RUSAGE_SELF, &usage);
   double count = o->bench_count, frame_s = (now_s() - start_s) / count;
   printf("{\n  \"width\": %d,\n  \"height\": %d,\n  \"frames\": %d,\n"
          "  \"frames_per_s\": %.4g,\n  \"frame_ms\": %.4g,\n  \"resample_ms\": %.4g,\n"
          "  \"upload_ms\": %.4g,\n  \"driver_ms\": %.4g,\n  \"texels_per_frame\": %.6g,\n"
          "  \"lookups_per_frame\": %.6g,\n  \"hit_rate\": %.4g,\n"
          "  \"decompressions_per_frame\": %.4g,\n"
-         "  \"decompressions_again_per_frame\": %.4g",
+         "  \"decompressions_again_per_frame\": %.4g,\n  \"peak_rss_mb\": %.4g",
          o->width_px, o->height_px, o->bench_count, 1 / frame_s, frame_s * 1e3,
          resample_s * 1e3 / count, upload_s * 1e3 / count,
          (frame_s - (resample_s + upload_s) / count) * 1e3, texel_count / count, lookups / count,
-         lookups > 0 ? hits / lookups : 1, decoded / count, again / count);
+         lookups > 0 ? hits / lookups : 1, decoded / count, again / count,
+         (double)usage.ru_maxrss / 1024);
   if (depth.texel_count > 0)
     printf(",\n  \"texels_by_depth_per_frame\": %.6g,\n  \"four_tap_share_by_depth\": %.4g",
            (double)depth.texel_count / count,

@@ -36,8 +36,13 @@ void view_direction(const slf_vertex *vertex, const float eye[3], float *s, floa
  * plane of the view's pyramid has all of it outside. */
 static void find_visible(texture *x, const camera *c) {
   const slf_mesh *mesh = &x->surface_mesh;
+  uint8_t any = 0;
+  /* The diced mesh has the surface's own vertices first. */
   for (uint32_t i = 0; i < mesh->vertex_count; i++)
-    x->outside[i] = camera_outside(c, mesh->vertices[i].position);
+    any |= x->outside[i] = camera_outside(c, mesh->vertices[i].position);
+  x->clipped = any != 0;
+  for (uint32_t i = mesh->vertex_count; i < x->mesh.vertex_count && x->clipped; i++)
+    x->outside[i] = camera_outside(c, x->mesh.vertices[i].position);
   for (uint32_t i = 0; i < mesh->triangle_count; i++) {
     const uint32_t *v = mesh->triangles + 3 * (size_t)i;
     const slf_vertex *a = &mesh->vertices[v[0]], *b = &mesh->vertices[v[1]],
@@ -100,6 +105,13 @@ __attribute__((target("avx2"))) static void fill_avx2(const direction_plane *p, 
 }
 #endif
 
+/* Whether a piece of a triangle shows. */
+static bool shows(const texture *x, const uv_triangle *piece) {
+  const uint32_t *v = piece->vertex;
+  if (!x->visible[piece->parent]) return false;
+  return !x->clipped || !(x->outside[v[0]] & x->outside[v[1]] & x->outside[v[2]]);
+}
+
 /* Interpolates (S,T) over the texels of a block from the triangles that cover them. False if none
  * of the triangles that touch it shows. */
 static bool block_view_directions(const texture *x, uint32_t block_u, uint32_t block_v,
@@ -108,11 +120,11 @@ static bool block_view_directions(const texture *x, uint32_t block_u, uint32_t b
   size_t block = (size_t)block_v * mesh->block_u_count + block_u;
   const uv_cover *cover = mesh->covers + mesh->cover_start[block];
   const uv_cover *end = mesh->covers + mesh->cover_start[block + 1];
-  bool shows = false;
+  bool any = false;
   d->mask = 0;
-  for (const uv_cover *i = cover; i < end; i++)
-    shows |= x->visible[mesh->triangles[i->triangle].parent];
-  if (!shows) return false;
+  for (const uv_cover *i = cover; i < end && !any; i++)
+    any = shows(x, &mesh->triangles[i->triangle]);
+  if (!any) return false;
   for (; cover < end; cover++) {
     if (cover->mask == 0) continue;
     direction_plane p = plane_of(x, &mesh->triangles[cover->triangle], (float)(8 * block_u) + 0.5f,
@@ -157,8 +169,8 @@ void texture_update(texture *x, const camera *c, direction_bend bend) {
   for (uint32_t block_v = 0; block_v < mesh->block_v_count; block_v++)
     for (uint32_t block_u = 0; block_u < mesh->block_u_count; block_u++) {
       size_t block = (size_t)block_v * mesh->block_u_count + block_u;
-      bool shows = block_view_directions(x, block_u, block_v, &d);
-      if (shows) {
+      bool makes = block_view_directions(x, block_u, block_v, &d);
+      if (makes) {
         if (bend.bend) bend.bend(bend.context, block_u, block_v, &d);
         uint16_t *texels = block_texels(x, block_u, block_v);
         if (x->depth)
@@ -169,8 +181,8 @@ void texture_update(texture *x, const camera *c, direction_bend bend) {
       } else if (x->made[block]) {
         clear_block(x, block_u, block_v);
       }
-      if (shows || x->made[block]) add_block(&changed, &x->levels[0], block_u, block_v);
-      x->made[block] = shows;
+      if (makes || x->made[block]) add_block(&changed, &x->levels[0], block_u, block_v);
+      x->made[block] = makes;
     }
   resample_flush(x->resampler);
   x->changed[0] = changed;
@@ -218,7 +230,7 @@ bool texture_create(texture *x, const slf_mesh *mesh, const slf_layer *layer, bl
   x->made = calloc(block_count, 1);
   x->s = malloc((x->mesh.vertex_count + (size_t)1) * sizeof *x->s);
   x->t = malloc((x->mesh.vertex_count + (size_t)1) * sizeof *x->t);
-  x->outside = malloc(mesh->vertex_count + (size_t)1);
+  x->outside = malloc(x->mesh.vertex_count + (size_t)1);
   x->visible = malloc(mesh->triangle_count + (size_t)1);
   if (x->resampler && x->made && x->s && x->t && x->outside && x->visible && create_levels(x)) {
     if (layer->curve == SLF_CURVE_DWA) resampler_use_format(x->resampler, U_BLOCK_HALF);

@@ -2,10 +2,10 @@
  *
  * Each update computes (S,T) at the vertices of the diced mesh, interpolates it to the texels, and
  * mixes the light field there, block after block of 8x8 texels, so that a C-Block is decompressed
- * at most once an update, however small the cache. Only blocks are made that a triangle touches
- * which faces the camera and is not outside its pyramid; all others are transparent zeros. Within
- * a block that is made, every texel is: past the silhouette, where the surface turns away, the
- * direction is held at the rim. So a texel's alpha says whether it holds radiance, and a filter
+ * at most once an update, however small the cache. Only blocks are made that a piece of a triangle
+ * touches which faces the camera and is not outside its pyramid; all others are transparent zeros.
+ * Within a block that is made, every texel is: past the silhouette, where the surface turns away,
+ * the direction is held at the rim. So a texel's alpha says whether it holds radiance, and a filter
  * that divides colour by alpha never shows one that does not (see draw.c). */
 #ifndef TEXTURE_H
 #define TEXTURE_H
@@ -41,7 +41,8 @@ typedef struct {
   uint8_t *made;                          /* of each block, row by row: whether it holds radiance */
   uint32_t made_count;
   float *s, *t;     /* of each diced vertex; not confined to the circle, see view_direction */
-  uint8_t *outside; /* of each vertex of surface_mesh */
+  uint8_t *outside; /* of each vertex of surface_mesh; if clipped, of each diced vertex */
+  bool clipped;     /* some vertex of surface_mesh lies outside the view */
   uint8_t *visible; /* of each triangle of surface_mesh */
   /* Sets the texels of mask to the plane. */
   void (*fill)(const direction_plane *plane, uint64_t mask, block_directions *directions);

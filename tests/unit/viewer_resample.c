@@ -379,6 +379,47 @@ static void test_seam_and_silhouette(void **state) {
   free(f);
 }
 
+/* Of one large quad only the blocks near the view are made, and every texel in view is among them.
+ */
+static void test_what_is_outside_the_view_costs_nothing(void **state) {
+  (void)state;
+  closed_form *f = calloc(1, sizeof *f);
+  *f = (closed_form){.u_count = 64, .v_count = 64, .s_count = 8, .t_count = 8};
+  slf_mesh mesh = square();
+  slf_layer layer = layer_of(f);
+  texture x;
+  assert_true(texture_create(&x, &mesh, &layer, (block_source){fetch_closed_form, f}, 8));
+  /* From straight above, 10 degrees wide: 0.17 x 0.17 of the square, 3 x 3 blocks of 1/8 at most,
+   * and as a piece of 8 texels is made or left out as a whole, one more on each side. */
+  slf_view view = {.location = {0.3f, 1, 0.4f}, .look_at = {0.3f, 0, 0.4f}, .angle_deg = 10};
+  camera c = camera_of_view(&view, 1, 1);
+  texture_update(&x, &c, (direction_bend){0});
+  assert_in_range(x.made_count, 4, 25);
+  srand(8);
+  size_t seen = 0, unmade = 0;
+  for (int i = 0; i < 300; i++) {
+    for (int k = 0; k < 3; k++) {
+      view.location[k] = 3 * ((float)rand() / (float)RAND_MAX - 0.5f);
+      view.look_at[k] = (float)rand() / (float)RAND_MAX;
+    }
+    view.location[1] = fabsf(view.location[1]) + 0.01f;
+    view.angle_deg = 5 + 100 * (float)rand() / (float)RAND_MAX;
+    c = camera_of_view(&view, 4, 3);
+    texture_update(&x, &c, (direction_bend){0});
+    for (int row = 0; row < 64; row++)
+      for (int column = 0; column < 64; column++) {
+        float point[3] = {((float)column + 0.5f) / 64, 0, ((float)row + 0.5f) / 64};
+        bool made = texel_at(&x, row, column)[3] == HALF_ONE, in_view = !camera_outside(&c, point);
+        assert_true(made || !in_view);
+        seen += in_view;
+        unmade += !made;
+      }
+  }
+  assert_true(seen > 100000 && unmade > 100000);
+  texture_free(&x);
+  free(f);
+}
+
 /* Below the horizon (S,T) goes on outwards at the same azimuth, so that half way between two eyes
  * as far above as below it lies on the horizon, radius 1, and not inside. */
 static void test_directions_continue_below_the_horizon(void **state) {
@@ -449,6 +490,7 @@ int main(void) {
       cmocka_unit_test(test_equal_taps_keep_their_code),
       cmocka_unit_test(test_scan_conversion_is_watertight),
       cmocka_unit_test(test_seam_and_silhouette),
+      cmocka_unit_test(test_what_is_outside_the_view_costs_nothing),
       cmocka_unit_test(test_directions_continue_below_the_horizon),
       cmocka_unit_test(test_any_eye),
   };

@@ -24,7 +24,7 @@ even() { # PICTURE SURFACE OPTIONS...: pixels of the surface that differ from th
   [ "$off" = 0 ] && identify -format '%[fx:mean]' "$out/$1-mask.png" | awk '{ exit !($1 > 0.0005) }'
 }
 
-echo "1..15"
+echo "1..16"
 for view in door floor ball near grazing; do
   check "the ball is even at view $view" even "ball-$view" ball --view $view --filter anisotropic
 done
@@ -39,13 +39,19 @@ for cache in 0 4; do
   check "a cache of $cache blocks draws the same" eval \
     'draw cache --backend osmesa --cache $cache && cmp "$out/osmesa.png" "$out/cache.png"'
 done
-# A flight through everything: random cameras inside objects and walls, splines between them.
-awk 'BEGIN { srand(5); for (i = 0; i < 250; i++) {
+# A flight through everything: random cameras inside objects, behind walls, on the floor, at 1e6, and
+# splines between them, four frames each.
+awk 'BEGIN { srand(5); for (i = 0; i < 2500; i++) {
   far = i % 10 ? 4 : 1e6
   printf "%d %g %g %g %g %g %g %g\n", i, far*(2*rand()-1), i % 7 ? far*(2*rand()-1) : 0, far*(2*rand()-1),
     4*(2*rand()-1), 4*rand(), 4*(2*rand()-1), 5 + 170*rand() } }' > "$out/flight.path"
-check "a flight of 1000 frames through everything" eval \
-  'build/slfview "$out/even.slf" --path "$out/flight.path" --bench 1000 --size 32x24 --cache 100 > "$out/flight.json"'
+fly() { # FRAMES
+  build/slfview "$out/even.slf" --path "$out/flight.path" --bench "$1" --size 32x24 --cache 100 --backend osmesa > "$out/flight$1.json"
+}
+check "a flight of 10,000 frames through everything" fly 10000
+# A page cache, a driver's pool: 1 MB is room for them, and 100 bytes a frame would be found.
+check "takes no more memory than one of 1,000" eval \
+  'fly 1000 && jq -s -e ".[0].peak_rss_mb - .[1].peak_rss_mb < 1" "$out/flight10000.json" "$out/flight1000.json"'
 # OSMesa itself keeps 480 bytes when its context is destroyed, however many frames were drawn.
 echo "leak:libOSMesa" > "$out/driver.supp"
 check "300 frames of it under the sanitizers, without a leak" eval \
