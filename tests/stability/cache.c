@@ -4,8 +4,6 @@
 #include "viewer/block_cache.h"
 #include "viewer/resample.h"
 
-#include <unistd.h>
-
 #include "slf.h"
 #include "tests/stability/closed_form.h"
 
@@ -28,31 +26,18 @@ static slf_result read_slice(void *context, uint32_t s_index, uint32_t t_index, 
 
 static int write_file(void **state) {
   (void)state;
-  static const slf_vertex corners[3] = {{{0, 0, 0}, {0, 1, 0}, {1, 0, 0}, {0, 0, 1}, 0, 0},
-                                        {{1, 0, 0}, {0, 1, 0}, {1, 0, 0}, {0, 0, 1}, 1, 0},
-                                        {{0, 0, 1}, {0, 1, 0}, {1, 0, 0}, {0, 0, 1}, 0, 1}};
-  static const uint32_t triangle[3] = {0, 1, 2};
-  slf_error error = {""};
-  slf_writer *writer;
-  const int descriptor = mkstemp(path);
-  if (descriptor < 0) return -1;
-  close(descriptor);
-  const slf_surface surface = {.name = "square", .mesh = {corners, triangle, 3, 1}};
-  const slf_layer_options options = {.angular = SLF_ANGULAR_LAYERED,
-                                     .u_count = TEXELS,
-                                     .v_count = TEXELS,
-                                     .s_count = DIRECTIONS,
-                                     .t_count = DIRECTIONS,
-                                     .quality = 85};
-  const slf_source source = {.read_slice = read_slice};
-  if (slf_writer_create(path, &writer, &error) != SLF_OK ||
-      slf_writer_add_surface(writer, &surface, &error) != SLF_OK ||
-      slf_writer_add_layer(writer, &options, &source, &error) != SLF_OK ||
-      slf_writer_finish(writer, &error) != SLF_OK || slf_open(path, &file, &error) != SLF_OK) {
-    fprintf(stderr, "%s\n", error.message);
-    return -1;
-  }
-  return 0;
+  grid square = make_grid(1, 1, square_at);
+  const light_field whole = {.surface = {.name = "square", .mesh = square.mesh},
+                             .layer = {.angular = SLF_ANGULAR_LAYERED,
+                                       .u_count = TEXELS,
+                                       .v_count = TEXELS,
+                                       .s_count = DIRECTIONS,
+                                       .t_count = DIRECTIONS,
+                                       .quality = 85},
+                             .source = {.read_slice = read_slice}};
+  const int failed = make_light_fields(path, &whole, 1, &file);
+  free_grid(&square);
+  return failed;
 }
 
 static int remove_file(void **state) {

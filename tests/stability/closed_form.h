@@ -5,16 +5,7 @@
 #ifndef STABILITY_CLOSED_FORM_H
 #define STABILITY_CLOSED_FORM_H
 
-#include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
-
+#include "tests/light_field.h"
 #include "viewer/block_source.h"
 #include "viewer/half.h"
 

@@ -11,61 +11,20 @@
 /* ---- Meshes ------------------------------------------------------------------------------------
  */
 
-/* A grid of columns x rows quads over (U,V), as slf.inc writes it. */
-typedef struct {
-  slf_mesh mesh;
-  slf_vertex *vertices;
-  uint32_t *triangles;
-} grid;
-
-typedef void (*place_vertex)(float u, float v, slf_vertex *vertex);
-
-static grid make_grid(uint32_t columns, uint32_t rows, place_vertex place) {
-  grid g;
-  g.vertices = calloc((columns + 1) * (rows + 1), sizeof *g.vertices);
-  g.triangles = calloc(6 * columns * rows, sizeof *g.triangles);
-  assert_true(g.vertices && g.triangles);
-  uint32_t *triangle = g.triangles;
-  for (uint32_t j = 0; j <= rows; j++)
-    for (uint32_t i = 0; i <= columns; i++) {
-      const uint32_t a = j * (columns + 1) + i, b = a + 1, c = a + columns + 1, d = c + 1;
-      slf_vertex *vertex = &g.vertices[a];
-      vertex->u = (float)i / (float)columns;
-      vertex->v = (float)j / (float)rows;
-      place(vertex->u, vertex->v, vertex);
-      if (i == columns || j == rows) continue;
-      memcpy(triangle, (uint32_t[]){a, b, c, c, b, d}, 6 * sizeof *triangle);
-      triangle += 6;
-    }
-  g.mesh = (slf_mesh){g.vertices, g.triangles, (columns + 1) * (rows + 1), 2 * columns * rows};
-  return g;
-}
-
-static void free_grid(grid *g) {
-  free(g->vertices);
-  free(g->triangles);
-}
-
-/* The unit square of the plane y = 0. */
-static void place_square(float u, float v, slf_vertex *x) {
-  memcpy(x->position, (float[]){u, 0, v}, sizeof x->position);
-  memcpy(x->normal, (float[]){0, 1, 0}, sizeof x->normal);
-  memcpy(x->tangent_u, (float[]){1, 0, 0}, sizeof x->tangent_u);
-  memcpy(x->tangent_v, (float[]){0, 0, 1}, sizeof x->tangent_v);
-}
-
 /* The unit sphere: U from +x to +z, V from the pole at +y to the one at -y. dP/dU vanishes at the
  * poles; its direction does not, seen along a meridian. */
-static void place_sphere(float u, float v, slf_vertex *x) {
+static slf_vertex sphere_at(float u, float v) {
+  slf_vertex x;
   const double longitude = 2 * M_PI * u, angle = M_PI * v;
   const double n[3] = {sin(angle) * cos(longitude), cos(angle), sin(angle) * sin(longitude)};
   const double tu[3] = {-sin(longitude), 0, cos(longitude)};
   const double tv[3] = {cos(angle) * cos(longitude), -sin(angle), cos(angle) * sin(longitude)};
   for (int k = 0; k < 3; k++) {
-    x->position[k] = x->normal[k] = (float)n[k];
-    x->tangent_u[k] = (float)tu[k];
-    x->tangent_v[k] = (float)tv[k];
+    x.position[k] = x.normal[k] = (float)n[k];
+    x.tangent_u[k] = (float)tu[k];
+    x.tangent_v[k] = (float)tv[k];
   }
+  return x;
 }
 
 enum { SPHERE_COLUMNS = 64, SPHERE_ROWS = 32 }; /* as slf.inc has them */
@@ -156,7 +115,7 @@ static square_errors check_square(shiny *x, const float eye[3], double leg) {
 /* Down onto the plane, over the middle of the surface and beside it. */
 static void camera_sinks_to_the_plane(void **state) {
   (void)state;
-  grid g = make_grid(1, 1, place_square);
+  grid g = make_grid(1, 1, square_at);
   shiny x;
   make_shiny(&x, &g.mesh, 64, 64, 32, UV_DICE_PX);
   static const float heights[] = {1, 0.1f, 1e-2f, 1e-3f, 1e-6f, 1e-20f, 1e-38f, 0x1p-149f, 0};
@@ -180,7 +139,7 @@ static void camera_sinks_to_the_plane(void **state) {
 /* From a millionth of the surface's size away to as far as a camera may be. */
 static void camera_goes_far_away(void **state) {
   (void)state;
-  grid g = make_grid(1, 1, place_square);
+  grid g = make_grid(1, 1, square_at);
   shiny x;
   make_shiny(&x, &g.mesh, 64, 64, 32, UV_DICE_PX);
   for (double distance = 1e-6; distance < 2e9; distance *= 1000) {
@@ -200,7 +159,7 @@ static void any_unit_of_length(void **state) {
   static const int exponents[] = {0, -20, 20};
   uint8_t *first = NULL;
   for (int i = 0; i < 3; i++) {
-    grid g = make_grid(SPHERE_COLUMNS, SPHERE_ROWS, place_sphere);
+    grid g = make_grid(SPHERE_COLUMNS, SPHERE_ROWS, sphere_at);
     for (uint32_t k = 0; k < g.mesh.vertex_count; k++)
       for (int axis = 0; axis < 3; axis++)
         g.vertices[k].position[axis] = ldexpf(g.vertices[k].position[axis], exponents[i]);
@@ -229,7 +188,7 @@ static void any_unit_of_length(void **state) {
  * 0.0025 below the sphere. */
 static void camera_inside_the_object(void **state) {
   (void)state;
-  grid g = make_grid(SPHERE_COLUMNS, SPHERE_ROWS, place_sphere);
+  grid g = make_grid(SPHERE_COLUMNS, SPHERE_ROWS, sphere_at);
   shiny x;
   make_shiny(&x, &g.mesh, 128, 64, 16, UV_DICE_PX);
   static const float eyes[][3] = {
@@ -260,7 +219,7 @@ static float any_float(void) {
  */
 static void any_camera(void **state) {
   (void)state;
-  grid g = make_grid(2, 2, place_square);
+  grid g = make_grid(2, 2, square_at);
   shiny x;
   make_shiny(&x, &g.mesh, 24, 24, 8, UV_DICE_PX);
   srand(8);
@@ -329,7 +288,7 @@ static double sphere_bound(const closed_form *f, seen_direction d, double r) {
 static void sphere_to_its_silhouette(void **state) {
   (void)state;
   enum { U = 256, V = 128 };
-  grid g = make_grid(SPHERE_COLUMNS, SPHERE_ROWS, place_sphere);
+  grid g = make_grid(SPHERE_COLUMNS, SPHERE_ROWS, sphere_at);
   shiny x;
   make_shiny(&x, &g.mesh, U, V, 32, UV_DICE_PX);
   /* Over the pole, beside it, level, across the seam. */
@@ -376,7 +335,7 @@ static void sphere_to_its_silhouette(void **state) {
  * of the field, not of a slice that does not exist. */
 static void few_polygons_across_the_silhouette(void **state) {
   (void)state;
-  grid g = make_grid(4, 2, place_sphere);
+  grid g = make_grid(4, 2, sphere_at);
   shiny x;
   make_shiny(&x, &g.mesh, 96, 48, 16, UV_DICE_PX);
   srand(9);
@@ -408,14 +367,14 @@ static float sliver_u(float u) {
   return column == 0 ? 0 : column >= 22 ? 1 : ldexpf(1, column - 21);
 }
 
-static void place_slivers(float u, float v, slf_vertex *x) {
-  place_square(sliver_u(u), v, x);
-  x->u = sliver_u(u);
+static slf_vertex slivers_at(float u, float v) {
+  return square_at(sliver_u(u), v);
 }
 
 static void slivers_and_polygons_without_area(void **state) {
   (void)state;
-  grid g = make_grid(24, 3, place_slivers);
+  grid g = make_grid(24, 3, slivers_at);
+  for (uint32_t i = 0; i < g.mesh.vertex_count; i++) g.vertices[i].u = sliver_u(g.vertices[i].u);
   static const uint32_t limits[] = {1, 8, UINT32_MAX};
   for (int i = 0; i < 3; i++) {
     shiny x;
@@ -446,7 +405,7 @@ static void any_parametrisation(void **state) {
   static const float odd[] = {0, 1, -1, 2, NAN, INFINITY, -INFINITY, FLT_MAX, 0x1p-149f, 0.5f};
   srand(10);
   for (int round = 0; round < 500; round++) {
-    grid g = make_grid(3, 3, place_square);
+    grid g = make_grid(3, 3, square_at);
     for (uint32_t k = 0; k < g.mesh.vertex_count; k++) {
       g.vertices[k].u = round == 0 ? 0.5f : odd[rand() % 10];
       g.vertices[k].v = round == 0 ? 0.5f : odd[rand() % 10];
@@ -471,7 +430,7 @@ static void any_parametrisation(void **state) {
 /* From every texel a polygon to two polygons for all: the error of dicing falls with its square. */
 static void dicing_from_one_texel_to_never(void **state) {
   (void)state;
-  grid g = make_grid(1, 1, place_square);
+  grid g = make_grid(1, 1, square_at);
   static const uint32_t limits[] = {1, 2, 4, 8, 16, 32, 64, UINT32_MAX};
   double previous = 0;
   for (size_t i = 0; i < sizeof limits / sizeof *limits; i++) {
@@ -496,7 +455,7 @@ static void surfaces_of_any_size(void **state) {
   (void)state;
   static const uint32_t sizes[] = {1, 2, 7, 8, 9, 17, 63};
   enum { SIZES = sizeof sizes / sizeof *sizes };
-  grid g = make_grid(1, 1, place_square);
+  grid g = make_grid(1, 1, square_at);
   double one = 0;
   for (int i = 0; i < SIZES * SIZES; i++) {
     const uint32_t u_count = sizes[i % SIZES], v_count = sizes[i / SIZES];

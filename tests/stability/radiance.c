@@ -3,8 +3,6 @@
  * one texel, of odd sizes, of 64x64 directions. */
 #include "slf.h"
 
-#include <unistd.h>
-
 #include "tests/stability/closed_form.h"
 
 static char path[] = "/tmp/slf_stability_radiance_XXXXXX";
@@ -25,24 +23,17 @@ static slf_result read_slice(void *context, uint32_t s, uint32_t t, float *rgb, 
 }
 
 static slf_result write_pattern(pattern p, slf_angular angular, float quality, slf_error *error) {
-  static const slf_vertex corners[3] = {{{0, 0, 0}, {0, 1, 0}, {1, 0, 0}, {0, 0, 1}, 0, 0},
-                                        {{1, 0, 0}, {0, 1, 0}, {1, 0, 0}, {0, 0, 1}, 1, 0},
-                                        {{0, 0, 1}, {0, 1, 0}, {1, 0, 0}, {0, 0, 1}, 0, 1}};
-  static const uint32_t triangle[3] = {0, 1, 2};
-  const slf_surface surface = {.name = "hard", .mesh = {corners, triangle, 3, 1}};
-  const slf_layer_options options = {.angular = angular,
-                                     .u_count = p.u_count,
-                                     .v_count = p.v_count,
-                                     .s_count = p.s_count,
-                                     .t_count = p.t_count,
-                                     .quality = quality};
-  const slf_source source = {read_slice, &p, NULL};
-  slf_writer *writer;
-  slf_result result = slf_writer_create(path, &writer, error);
-  if (result == SLF_OK) result = slf_writer_add_surface(writer, &surface, error);
-  if (result == SLF_OK) result = slf_writer_add_layer(writer, &options, &source, error);
-  if (result == SLF_OK) return slf_writer_finish(writer, error);
-  slf_writer_abort(writer);
+  grid square = make_grid(1, 1, square_at);
+  const light_field hard = {.surface = {.name = "hard", .mesh = square.mesh},
+                            .layer = {.angular = angular,
+                                      .u_count = p.u_count,
+                                      .v_count = p.v_count,
+                                      .s_count = p.s_count,
+                                      .t_count = p.t_count,
+                                      .quality = quality},
+                            .source = {.read_slice = read_slice, .context = &p}};
+  const slf_result result = write_light_fields(path, &hard, 1, error);
+  free_grid(&square);
   return result;
 }
 

@@ -2,8 +2,6 @@
  * lake would hold. */
 #include "viewer/water.h"
 
-#include <unistd.h>
-
 #include "tests/stability/closed_form.h"
 
 /* ---- The height field --------------------------------------------------------------------------
@@ -136,34 +134,22 @@ static slf_result read_grey(void *context, uint32_t s, uint32_t t, float *rgb, s
 
 static int make_water(void **state) {
   (void)state;
-  static const slf_vertex corners[4] = {{{0, 0, 0}, {0, 1, 0}, {1, 0, 0}, {0, 0, 1}, 0, 0},
-                                        {{1, 0, 0}, {0, 1, 0}, {1, 0, 0}, {0, 0, 1}, 1, 0},
-                                        {{1, 0, 1}, {0, 1, 0}, {1, 0, 0}, {0, 0, 1}, 1, 1},
-                                        {{0, 0, 1}, {0, 1, 0}, {1, 0, 0}, {0, 0, 1}, 0, 1}};
-  static const uint32_t triangles[6] = {0, 1, 2, 0, 2, 3};
-  const slf_surface surface = {
-      .name = "pond", .flags = SLF_SURFACE_WATER, .mesh = {corners, triangles, 4, 2}};
-  const slf_layer_options options = {.u_count = TEXELS,
-                                     .v_count = TEXELS,
-                                     .s_count = 2,
-                                     .t_count = 2,
-                                     .quality = 80,
-                                     .thread_count = 1};
-  const slf_source source = {.read_slice = read_grey};
-  slf_error error = {""};
-  slf_writer *writer;
-  const int descriptor = mkstemp(path);
-  if (descriptor < 0) return -1;
-  close(descriptor);
-  if (slf_writer_create(path, &writer, &error) != SLF_OK ||
-      slf_writer_add_surface(writer, &surface, &error) != SLF_OK ||
-      slf_writer_add_layer(writer, &options, &source, &error) != SLF_OK ||
-      slf_writer_finish(writer, &error) != SLF_OK || slf_open(path, &file, &error) != SLF_OK ||
-      water_create(file, 0, TEXELS, TEXELS, 0, &pond_water, &error) != SLF_OK) {
-    fprintf(stderr, "%s\n", error.message);
-    return -1;
-  }
-  return 0;
+  grid square = make_grid(1, 1, square_at);
+  const light_field pond = {
+      .surface = {.name = "pond", .flags = SLF_SURFACE_WATER, .mesh = square.mesh},
+      .layer = {.u_count = TEXELS,
+                .v_count = TEXELS,
+                .s_count = 2,
+                .t_count = 2,
+                .quality = 80,
+                .thread_count = 1},
+      .source = {.read_slice = read_grey}};
+  int failed = make_light_fields(path, &pond, 1, &file);
+  free_grid(&square);
+  slf_error error;
+  if (!failed && water_create(file, 0, TEXELS, TEXELS, 0, &pond_water, &error) != SLF_OK)
+    fprintf(stderr, "%s\n", error.message), failed = -1;
+  return failed;
 }
 
 static int remove_water(void **state) {

@@ -1,17 +1,8 @@
 /* The block cache: any capacity gives the same picture, counts what it does, and keeps its promise
  * about memory. The light field is a file written here. */
-#include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <unistd.h>
-
-#include <cmocka.h>
 #include <malloc.h>
 
+#include "tests/light_field.h"
 #include "viewer/block_cache.h"
 #include "viewer/half.h"
 #include "viewer/texture.h"
@@ -33,41 +24,22 @@ static slf_result read_slice(void *context, uint32_t s_index, uint32_t t_index, 
 
 static int write_file(void **state) {
   (void)state;
-  static slf_vertex vertices[4];
-  static const uint32_t triangles[6] = {0, 1, 2, 2, 1, 3};
-  for (int i = 0; i < 4; i++)
-    vertices[i] = (slf_vertex){.position = {(float)(i % 2), 0, (float)(i / 2)},
-                               .normal = {0, 1, 0},
-                               .tangent_u = {1, 0, 0},
-                               .tangent_v = {0, 0, 1},
-                               .u = (float)(i % 2),
-                               .v = (float)(i / 2)};
-  slf_error error = {{0}};
-  slf_writer *writer = NULL;
-  int descriptor = mkstemp(path);
-  if (descriptor < 0) return -1;
-  close(descriptor);
-  slf_source source = {.read_slice = read_slice};
-  slf_layer_options options = {.angular = SLF_ANGULAR_NONE,
-                               .u_count = TEXELS,
-                               .v_count = TEXELS,
-                               .s_count = DIRECTIONS,
-                               .t_count = DIRECTIONS,
-                               .quality = 80,
-                               .thread_count = 1};
-  bool ok = slf_writer_create(path, &writer, &error) == SLF_OK;
-  for (int i = 0; i < 2 && ok; i++) {
-    slf_surface surface = {
-        .mesh = {
-            .vertices = vertices, .triangles = triangles, .vertex_count = 4, .triangle_count = 2}};
-    snprintf(surface.name, sizeof surface.name, "square %d", i);
-    ok = slf_writer_add_surface(writer, &surface, &error) == SLF_OK &&
-         slf_writer_add_layer(writer, &options, &source, &error) == SLF_OK;
+  grid square = make_grid(1, 1, square_at);
+  light_field fields[2];
+  for (int i = 0; i < 2; i++) {
+    fields[i] = (light_field){.surface = {.mesh = square.mesh},
+                              .layer = {.u_count = TEXELS,
+                                        .v_count = TEXELS,
+                                        .s_count = DIRECTIONS,
+                                        .t_count = DIRECTIONS,
+                                        .quality = 80,
+                                        .thread_count = 1},
+                              .source = {.read_slice = read_slice}};
+    snprintf(fields[i].surface.name, SLF_NAME_NBYTES, "square %d", i);
   }
-  ok = ok && slf_writer_finish(writer, &error) == SLF_OK;
-  ok = ok && slf_open(path, &file, &error) == SLF_OK;
-  if (!ok) fprintf(stderr, "%s\n", error.message);
-  return ok ? 0 : -1;
+  const int failed = make_light_fields(path, fields, 2, &file);
+  free_grid(&square);
+  return failed;
 }
 
 static int remove_file(void **state) {
@@ -379,28 +351,18 @@ static slf_result read_bright(void *context, uint32_t s_index, uint32_t t_index,
 
 static void test_hdr(void **state) {
   (void)state;
-  const slf_surface *square = slf_get_surface(file, 0);
   char bright[] = "/tmp/slf_viewer_hdr_XXXXXX";
-  int descriptor = mkstemp(bright);
-  assert_true(descriptor >= 0);
-  close(descriptor);
-  slf_error error = {{0}};
-  slf_writer *writer;
   slf_file *hdr;
-  slf_source source = {.read_slice = read_bright};
-  slf_surface surface = {.name = "bright", .mesh = square->mesh};
-  slf_layer_options options = {.curve = SLF_CURVE_DWA,
-                               .u_count = 16,
-                               .v_count = 16,
-                               .s_count = 6,
-                               .t_count = 6,
-                               .quality = 90,
-                               .thread_count = 1};
-  assert_int_equal(slf_writer_create(bright, &writer, &error), SLF_OK);
-  assert_int_equal(slf_writer_add_surface(writer, &surface, &error), SLF_OK);
-  assert_int_equal(slf_writer_add_layer(writer, &options, &source, &error), SLF_OK);
-  assert_int_equal(slf_writer_finish(writer, &error), SLF_OK);
-  assert_int_equal(slf_open(bright, &hdr, &error), SLF_OK);
+  const light_field field = {.surface = {.name = "bright", .mesh = slf_get_surface(file, 0)->mesh},
+                             .layer = {.curve = SLF_CURVE_DWA,
+                                       .u_count = 16,
+                                       .v_count = 16,
+                                       .s_count = 6,
+                                       .t_count = 6,
+                                       .quality = 90,
+                                       .thread_count = 1},
+                             .source = {.read_slice = read_bright}};
+  assert_int_equal(make_light_fields(bright, &field, 1, &hdr), 0);
   for (size_t capacity = 0; capacity < 200; capacity += 100)
     for (int kernel = 0; kernel < 2; kernel++) {
       block_cache *cache = block_cache_create(hdr, capacity);

@@ -1,103 +1,20 @@
 /* The resampler against a light field with a closed form: what is left is interpolation over
  * directions (h^2 / 8 times the second derivative), over texels, and 8-bit codes. */
-#include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
-
-#include "viewer/half.h"
+#include "tests/stability/closed_form.h"
 #include "viewer/texture.h"
-
-/* ---- A light field with a closed form ---------------------------------------------------------
- */
-
-/* Radiance 0.5 + 0.2 cos(w s + c) cos(w t + u + v), w = 3, three phases c for the channels.
- * |L_s|, |L_t| <= 0.2 w and |L_ss|, |L_tt| <= 0.2 w^2 with s, t in [-1, 1]. */
-static const double wave = 3, amplitude = 0.2;
-
-static double radiance(double u, double v, double s, double t, int channel) {
-  return 0.5 + amplitude * cos(wave * s + 0.7 * channel) * cos(wave * t + u + v);
-}
-
-typedef struct {
-  uint32_t u_count, v_count, s_count, t_count;
-  uint8_t blocks[2][BLOCK_MAX_SLICES][SLF_BLOCK_NBYTES];
-  int turn;
-  size_t fetches, asked;
-} closed_form;
-
-static void fetch_closed_form(void *context, uint32_t block_u, uint32_t block_v,
-                              const slice_index *slices, size_t count, const uint8_t **u_blocks) {
-  closed_form *f = context;
-  f->turn = 1 - f->turn;
-  f->fetches++;
-  f->asked += count;
-  for (size_t i = 0; i < count; i++) {
-    uint32_t si = slices[i] >> 8, ti = slices[i] & 0xff;
-    assert_true(si < f->s_count && ti < f->t_count);
-    /* What is not stored must never be read. */
-    assert_true(slf_slice_exists(f->s_count, f->t_count, si, ti));
-    uint8_t *block = f->blocks[f->turn][i];
-    for (uint32_t k = 0; k < 64; k++)
-      for (int c = 0; c < 4; c++)
-        block[4 * k + c] =
-            c == 3 ? 255
-                   : slf_srgb_from_linear((float)radiance((block_u * 8 + k % 8 + 0.5) / f->u_count,
-                                                          (block_v * 8 + k / 8 + 0.5) / f->v_count,
-                                                          2 * (si + 0.5) / f->s_count - 1,
-                                                          2 * (ti + 0.5) / f->t_count - 1, c));
-    u_blocks[i] = block;
-  }
-}
 
 /* ---- Meshes -----------------------------------------------------------------------------------
  */
 
-/* The unit square of the plane y = 0, u along x, v along z. */
-static slf_mesh square(void) {
-  static slf_vertex vertices[4];
-  static const uint32_t triangles[6] = {0, 1, 2, 2, 1, 3};
-  for (int i = 0; i < 4; i++)
-    vertices[i] = (slf_vertex){.position = {(float)(i % 2), 0, (float)(i / 2)},
-                               .normal = {0, 1, 0},
-                               .tangent_u = {1, 0, 0},
-                               .tangent_v = {0, 0, 1},
-                               .u = (float)(i % 2),
-                               .v = (float)(i / 2)};
-  return (slf_mesh){
-      .vertices = vertices, .triangles = triangles, .vertex_count = 4, .triangle_count = 2};
-}
-
 enum { SIDES = 48, RINGS = 6 };
 
 /* A cylinder about y of radius 1 and height 1, u around it with a seam, v down it. */
-static slf_mesh cylinder(void) {
-  static slf_vertex vertices[(SIDES + 1) * (RINGS + 1)];
-  static uint32_t triangles[6 * SIDES * RINGS];
-  uint32_t *triangle = triangles;
-  for (int j = 0; j <= RINGS; j++)
-    for (int i = 0; i <= SIDES; i++) {
-      float u = (float)i / SIDES, v = (float)j / RINGS, angle = u * (float)(2 * M_PI);
-      vertices[j * (SIDES + 1) + i] = (slf_vertex){.position = {cosf(angle), 1 - v, sinf(angle)},
-                                                   .normal = {cosf(angle), 0, sinf(angle)},
-                                                   .tangent_u = {-sinf(angle), 0, cosf(angle)},
-                                                   .tangent_v = {0, -1, 0},
-                                                   .u = u,
-                                                   .v = v};
-      if (i == SIDES || j == RINGS) continue;
-      uint32_t a = (uint32_t)(j * (SIDES + 1) + i), b = a + 1, c = a + SIDES + 1, d = c + 1;
-      memcpy(triangle, (uint32_t[]){a, b, c, c, b, d}, 24);
-      triangle += 6;
-    }
-  return (slf_mesh){.vertices = vertices,
-                    .triangles = triangles,
-                    .vertex_count = (SIDES + 1) * (RINGS + 1),
-                    .triangle_count = 2 * SIDES * RINGS};
+static slf_vertex cylinder_at(float u, float v) {
+  float angle = u * (float)(2 * M_PI);
+  return (slf_vertex){.position = {cosf(angle), 1 - v, sinf(angle)},
+                      .normal = {cosf(angle), 0, sinf(angle)},
+                      .tangent_u = {-sinf(angle), 0, cosf(angle)},
+                      .tangent_v = {0, -1, 0}};
 }
 
 static camera looking(float x, float y, float z, float ax, float ay, float az) {
@@ -122,18 +39,15 @@ static const uint16_t *texel_at(const texture *x, int row, int column) {
 /* Largest error over the square's texels, in linear radiance, seen from `eye`. */
 static double square_error(uint32_t directions, uint32_t dice_px, const float eye[3],
                            double *least_n, double *rms) {
-  closed_form *f = calloc(1, sizeof *f);
-  f->u_count = f->v_count = 64;
-  f->s_count = f->t_count = directions;
-  slf_mesh mesh = square();
-  slf_layer layer = layer_of(f);
+  closed_form f = closed_form_make(64, 64, directions, directions);
+  grid square = make_grid(1, 1, square_at);
+  slf_layer layer = layer_of(&f);
   texture x;
-  block_source source = {fetch_closed_form, f};
-  assert_true(texture_create(&x, &mesh, &layer, source, dice_px));
+  assert_true(texture_create(&x, &square.mesh, &layer, closed_form_source(&f), dice_px));
   camera c = looking(eye[0], eye[1], eye[2], 0.5f, 0, 0.5f);
   texture_update(&x, &c, (direction_bend){0});
   assert_int_equal(x.made_count, 64);
-  assert_int_equal(f->fetches, 64); /* each block of texels asks once */
+  assert_int_equal(f.fetches, 64); /* each block of texels asks once */
   double worst = 0, sum = 0;
   *least_n = 1;
   for (int row = 0; row < 64; row++)
@@ -153,7 +67,8 @@ static double square_error(uint32_t directions, uint32_t dice_px, const float ey
     }
   *rms = sqrt(sum / (64 * 64 * 3));
   texture_free(&x);
-  free(f);
+  closed_form_free(&f);
+  free_grid(&square);
   return worst;
 }
 
@@ -206,9 +121,7 @@ static void test_finer_directions_and_dicing_help(void **state) {
 
 static void test_vector_kernel_equals_plain_c(void **state) {
   (void)state;
-  closed_form *f = calloc(1, sizeof *f);
-  *f = (closed_form){.u_count = 8, .v_count = 8, .s_count = 13, .t_count = 32};
-  block_source source = {fetch_closed_form, f};
+  closed_form f = closed_form_make(8, 8, 13, 32);
   uint16_t texels[2][256];
   srand(1);
   for (int round = 0; round < 2000; round++) {
@@ -225,7 +138,7 @@ static void test_vector_kernel_equals_plain_c(void **state) {
     }
     if (round % 5 == 0) d.s[round % 64] = NAN, d.t[(round + 7) % 64] = INFINITY;
     for (int kernel = 0; kernel < 2; kernel++) {
-      resampler *r = resampler_create(13, 32, source);
+      resampler *r = resampler_create(13, 32, closed_form_source(&f));
       resampler_use_kernel(r, kernel ? RESAMPLE_PLAIN_C : RESAMPLE_BEST);
       resample_block(r, 0, 0, &d, texels[kernel], 64);
       resample_flush(r);
@@ -235,7 +148,7 @@ static void test_vector_kernel_equals_plain_c(void **state) {
     for (int k = 0; k < 64; k++)
       assert_int_equal(texels[0][4 * k + 3], d.mask >> k & 1 ? HALF_ONE : 0);
   }
-  free(f);
+  closed_form_free(&f);
 }
 
 static void fetch_flat(void *context, uint32_t block_u, uint32_t block_v, const slice_index *slices,
@@ -332,12 +245,11 @@ static void test_scan_conversion_is_watertight(void **state) {
 /* The first and the last column of a cylinder's texture are neighbours across the seam. */
 static void test_seam_and_silhouette(void **state) {
   (void)state;
-  closed_form *f = calloc(1, sizeof *f);
-  *f = (closed_form){.u_count = 192, .v_count = 32, .s_count = 32, .t_count = 32};
-  slf_mesh mesh = cylinder();
-  slf_layer layer = layer_of(f);
+  closed_form f = closed_form_make(192, 32, 32, 32);
+  grid cylinder = make_grid(SIDES, RINGS, cylinder_at);
+  slf_layer layer = layer_of(&f);
   texture x;
-  assert_true(texture_create(&x, &mesh, &layer, (block_source){fetch_closed_form, f}, 8));
+  assert_true(texture_create(&x, &cylinder.mesh, &layer, closed_form_source(&f), 8));
   const float eye[3] = {3, 0.5f, 0.4f};
   camera c = looking(eye[0], eye[1], eye[2], 0, 0.5f, 0);
   texture_update(&x, &c, (direction_bend){0});
@@ -376,19 +288,19 @@ static void test_seam_and_silhouette(void **state) {
   assert_memory_equal(picture, x.levels[0].texels, nbytes);
   free(picture);
   texture_free(&x);
-  free(f);
+  closed_form_free(&f);
+  free_grid(&cylinder);
 }
 
 /* Of one large quad only the blocks near the view are made, and every texel in view is among them.
  */
 static void test_what_is_outside_the_view_costs_nothing(void **state) {
   (void)state;
-  closed_form *f = calloc(1, sizeof *f);
-  *f = (closed_form){.u_count = 64, .v_count = 64, .s_count = 8, .t_count = 8};
-  slf_mesh mesh = square();
-  slf_layer layer = layer_of(f);
+  closed_form f = closed_form_make(64, 64, 8, 8);
+  grid square = make_grid(1, 1, square_at);
+  slf_layer layer = layer_of(&f);
   texture x;
-  assert_true(texture_create(&x, &mesh, &layer, (block_source){fetch_closed_form, f}, 8));
+  assert_true(texture_create(&x, &square.mesh, &layer, closed_form_source(&f), 8));
   /* From straight above, 10 degrees wide: 0.17 x 0.17 of the square, 3 x 3 blocks of 1/8 at most,
    * and as a piece of 8 texels is made or left out as a whole, one more on each side. */
   slf_view view = {.location = {0.3f, 1, 0.4f}, .look_at = {0.3f, 0, 0.4f}, .angle_deg = 10};
@@ -417,7 +329,8 @@ static void test_what_is_outside_the_view_costs_nothing(void **state) {
   }
   assert_true(seen > 100000 && unmade > 100000);
   texture_free(&x);
-  free(f);
+  closed_form_free(&f);
+  free_grid(&square);
 }
 
 /* Below the horizon (S,T) goes on outwards at the same azimuth, so that half way between two eyes
@@ -451,12 +364,11 @@ static void test_directions_continue_below_the_horizon(void **state) {
  * texel that is made opaque. */
 static void test_any_eye(void **state) {
   (void)state;
-  closed_form *f = calloc(1, sizeof *f);
-  *f = (closed_form){.u_count = 20, .v_count = 28, .s_count = 8, .t_count = 8};
-  slf_mesh mesh = square();
-  slf_layer layer = layer_of(f);
+  closed_form f = closed_form_make(20, 28, 8, 8);
+  grid square = make_grid(1, 1, square_at);
+  slf_layer layer = layer_of(&f);
   texture x;
-  assert_true(texture_create(&x, &mesh, &layer, (block_source){fetch_closed_form, f}, 8));
+  assert_true(texture_create(&x, &square.mesh, &layer, closed_form_source(&f), 8));
   static const float eyes[][3] = {{0, 0, 0},
                                   {0.5f, 0, 0.5f},
                                   {1, 0, 1},
@@ -479,7 +391,8 @@ static void test_any_eye(void **state) {
       }
   }
   texture_free(&x);
-  free(f);
+  closed_form_free(&f);
+  free_grid(&square);
 }
 
 int main(void) {

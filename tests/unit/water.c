@@ -1,20 +1,10 @@
 /* The water of a file: its rectangle, what stands in it, where rippled texels look, its script. */
-#include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <unistd.h>
-
-#include <cmocka.h>
-
+#include "viewer/water.h"
+#include "tests/light_field.h"
 #include "viewer/half.h"
 #include "viewer/pick.h"
-#include "viewer/water.h"
 
-enum { TEXELS = 40, MAX_VERTICES = 400, ROUND = 16 };
+enum { TEXELS = 40, ROUND = 16 };
 
 static char path[] = "/tmp/slf_water_XXXXXX", script_path[] = "/tmp/slf_water_script_XXXXXX";
 static slf_file *file;
@@ -24,27 +14,6 @@ static slf_result read_slice(void *context, uint32_t s_index, uint32_t t_index, 
   (void)context, (void)s_index, (void)t_index, (void)error;
   for (int i = 0; i < TEXELS * TEXELS * 3; i++) rgb[i] = 0.5f;
   return SLF_OK;
-}
-
-static slf_vertex vertices[MAX_VERTICES];
-static uint32_t triangles[6 * MAX_VERTICES];
-
-/* P(u,v) on a grid of columns x rows vertices. */
-static slf_mesh grid_mesh(uint32_t columns, uint32_t rows, slf_vertex (*at)(float u, float v)) {
-  uint32_t *t = triangles;
-  for (uint32_t j = 0; j < rows; j++)
-    for (uint32_t i = 0; i < columns; i++) {
-      const float u = (float)i / (float)(columns - 1), v = (float)j / (float)(rows - 1);
-      slf_vertex *x = &vertices[j * columns + i];
-      *x = at(u, v);
-      x->u = u;
-      x->v = v;
-      if (i + 1 == columns || j + 1 == rows) continue;
-      const uint32_t a = j * columns + i, b = a + 1, c = a + columns, d = c + 1;
-      memcpy(t, (uint32_t[]){a, b, c, c, b, d}, 6 * sizeof *t);
-      t += 6;
-    }
-  return (slf_mesh){vertices, triangles, columns * rows, (uint32_t)(t - triangles) / 3};
 }
 
 /* The water: y = 1, u runs 6 units along -z, v 3 units along x. */
@@ -102,35 +71,34 @@ static int write_file(void **state) {
   static const struct {
     const char *name;
     uint32_t columns, rows, flags;
-    slf_vertex (*at)(float u, float v);
-  } surfaces[] = {{"water", 3, 5, SLF_SURFACE_WATER, water_at},
-                  {"wall", 2, 2, 0, wall_at},
-                  {"column", ROUND + 1, 4, SLF_SURFACE_WRAP_U, column_at},
-                  {"ball", ROUND + 1, 9, SLF_SURFACE_WRAP_U, ball_at},
-                  {"screen", 2, 2, 0, screen_at},
-                  {"bulge", 5, 5, SLF_SURFACE_WATER, bulge_at}};
-  slf_error error = {{0}};
-  slf_writer *writer = NULL;
-  const int descriptor = mkstemp(path), script = mkstemp(script_path);
-  if (descriptor < 0 || script < 0) return -1;
-  close(descriptor);
-  close(script);
-  const slf_source source = {.read_slice = read_slice};
-  slf_layer_options options = {
-      .u_count = TEXELS, .v_count = TEXELS, .quality = 80, .thread_count = 1};
-  bool ok = slf_writer_create(path, &writer, &error) == SLF_OK;
-  for (size_t i = 0; i < sizeof surfaces / sizeof *surfaces && ok; i++) {
-    options.s_count = options.t_count = surfaces[i].flags & SLF_SURFACE_WATER ? 4 : 1;
-    slf_surface surface = {.flags = surfaces[i].flags};
-    surface.mesh = grid_mesh(surfaces[i].columns, surfaces[i].rows, surfaces[i].at);
-    snprintf(surface.name, sizeof surface.name, "%s", surfaces[i].name);
-    ok = slf_writer_add_surface(writer, &surface, &error) == SLF_OK &&
-         slf_writer_add_layer(writer, &options, &source, &error) == SLF_OK;
+    surface_point at;
+  } shapes[] = {{"water", 2, 4, SLF_SURFACE_WATER, water_at},
+                {"wall", 1, 1, 0, wall_at},
+                {"column", ROUND, 3, SLF_SURFACE_WRAP_U, column_at},
+                {"ball", ROUND, 8, SLF_SURFACE_WRAP_U, ball_at},
+                {"screen", 1, 1, 0, screen_at},
+                {"bulge", 4, 4, SLF_SURFACE_WATER, bulge_at}};
+  enum { COUNT = sizeof shapes / sizeof *shapes };
+  light_field fields[COUNT];
+  grid grids[COUNT];
+  for (size_t i = 0; i < COUNT; i++) {
+    const uint32_t directions = shapes[i].flags & SLF_SURFACE_WATER ? 4 : 1;
+    grids[i] = make_grid(shapes[i].columns, shapes[i].rows, shapes[i].at);
+    fields[i] = (light_field){.surface = {.flags = shapes[i].flags, .mesh = grids[i].mesh},
+                              .layer = {.u_count = TEXELS,
+                                        .v_count = TEXELS,
+                                        .s_count = directions,
+                                        .t_count = directions,
+                                        .quality = 80,
+                                        .thread_count = 1},
+                              .source = {.read_slice = read_slice}};
+    snprintf(fields[i].surface.name, SLF_NAME_NBYTES, "%s", shapes[i].name);
   }
-  ok = ok && slf_writer_finish(writer, &error) == SLF_OK;
-  ok = ok && slf_open(path, &file, &error) == SLF_OK;
-  if (!ok) fprintf(stderr, "%s\n", error.message);
-  return ok ? 0 : -1;
+  const int script = mkstemp(script_path), failed = make_light_fields(path, fields, COUNT, &file);
+  for (size_t i = 0; i < COUNT; i++) free_grid(&grids[i]);
+  if (script < 0) return -1;
+  close(script);
+  return failed;
 }
 
 static int remove_file(void **state) {
