@@ -1,6 +1,6 @@
 #!/bin/bash
 # Mouse and keys on the water, in a window on a display of its own: a click makes rings, space stops
-# them, X levels the water, N shows its slopes.
+# them, X levels the water, N shows its slopes, keys tune waves and damping, P rains, M maps the cache.
 # usage: window.sh (from the repository's root; build/check-pond.slf exists)
 set -u
 out=build/tap/pond-window; mkdir -p "$out"
@@ -23,7 +23,7 @@ colours() { convert "$out/$1.png" -format %k info:; }
 same() { [ "$(convert "$out/$1.png" rgb:- | cksum)" = "$(convert "$out/$2.png" rgb:- | cksum)" ]; }
 differ() { ! same "$@"; }
 
-echo "1..6"
+echo "1..14"
 LIBGL_ALWAYS_SOFTWARE=1 build/slfview build/check-pond.slf --size 320x240 2> "$out/log" &
 viewer=$!
 trap 'kill $viewer 2>/dev/null' EXIT
@@ -36,8 +36,8 @@ for _ in $(seq 30); do
 done
 check "calm water stands still" same first calm
 # The first view's water, in front of the ball.
-xdotool mousemove --window "$id" 150 215 click 1
-sleep 0.5; xdotool key space
+click() { xdotool mousemove --window "$id" 150 215 click 1; sleep 0.2; }
+click; sleep 0.3; xdotool key space
 shot rings; shot rings-later
 check "a click makes rings" differ calm rings
 check "space stops them" same rings rings-later
@@ -50,4 +50,30 @@ check "N twice shows the slopes" differ stepped slopes
 xdotool key n x
 shot level
 check "X levels the water" same calm level
+# Still paused: the same click and ten steps, with other waves.
+ten_steps() { # NAME
+  xdotool key x; click; xdotool key --delay 40 period period period period period period period period period period
+  shot "$1"
+}
+ten_steps usual; ten_steps again
+check "the same click gives the same water" same usual again
+xdotool key bracketright bracketright bracketright; ten_steps faster
+check "] makes waves faster" differ usual faster
+xdotool key bracketleft bracketleft bracketleft bracketleft bracketleft bracketleft; ten_steps slower
+check "[ makes them slower" differ usual slower
+xdotool key x bracketright bracketright bracketright
+xdotool mousemove --window "$id" 110 210 mousedown 1
+for x in 120 130 140 150 160 170; do xdotool mousemove --window "$id" $x 212; sleep 0.05; done
+xdotool mouseup 1; xdotool key --delay 40 period period period; shot dragged
+check "a drag leaves a wake" differ calm dragged
+xdotool key x keydown shift mousemove --window "$id" 110 210 mousedown 1 mousemove --window "$id" 150 214 mouseup 1 keyup shift
+xdotool key --delay 40 period period period; shot ball
+check "with shift it pushes a ball" differ dragged ball
+xdotool key equal equal equal equal equal equal; ten_steps damped
+check "= damps them" differ usual damped
+xdotool key x minus minus minus minus minus minus space p; sleep 1; shot rain
+check "P rains" differ calm rain
+xdotool key m; shot map
+green() { convert "$out/$1.png" -fx 'g > r + 0.3' -format '%[fx:int(10000*mean)]' info:; }
+check "M maps the cache, whose blocks are green" test "$(green map)" -gt "$(($(green rain) + 50))"
 cat "$out/log" >&2
