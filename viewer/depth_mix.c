@@ -4,45 +4,39 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cpu.h"
+#include "depth_kernel.h"
 #include "half.h"
 
 enum {
-  MEMO_COUNT =
-      1024,        /* U-Blocks at hand, a power of two: 256 KiB, what a row of blocks reads again */
-  EDGE_CODES = 12, /* heights further apart are of two things */
   STEP_TEXELS = 2, /* that a ray is followed through a slice by, */
   MAX_STEPS = 48   /* so many times */
 };
 
-/* The weight of slices that must agree for no more to be asked: less lets a thing's outline slip
- * where the slices that see it weigh little. */
-static const float all_agree = 0.93f;
-
-/* A hair inside the circle, as in resample.c, but n must stay well above 0 for slopes. */
-static const float rim = 0.9997f;
+/* How a texel was mixed. */
+enum {
+  SEEN_UNKNOWN, /* not yet */
+  SEEN_NEAR,    /* by the four slices around */
+  SEEN_WIDE,    /* by sixteen */
+  SEEN_NOT      /* by none */
+};
 
 typedef struct {
-  uint64_t key;
-  uint8_t texels[SLF_BLOCK_NBYTES];
-} memo_entry;
-
-/* The blocks read lately, in front of a source whose blocks do not stay. */
-typedef struct {
-  block_source source;
-  uint32_t u_count, v_count; /* texels of its layer */
-  memo_entry *entries;       /* MEMO_COUNT of them */
-} block_memo;
+  uint16_t code; /* of the height, in 1/256 */
+  int8_t score;  /* in 1/100 */
+  uint8_t kind;
+} memory;
 
 struct depth_mixer {
-  uint32_t s_count, t_count;
-  float u_end, v_end;                 /* half a texel beyond the light's last */
-  float heights_per_u, heights_per_v; /* texels of heights per texel of light */
-  float texel_u, texel_v;             /* texels of light per texel mixed */
-  float scale[4];                     /* see flat_texel_scale */
+  depth_geometry geometry;
+  float u_end, v_end; /* half a texel beyond the light's last */
   float unit;
   float (*slopes)[2]; /* q of each slice, NAN of those that do not exist */
-  float linear[256];  /* of a code */
-  block_memo light, heights;
+  depth_pages pages;
+  const depth_kernel *kernel;
+  uint32_t block_u_count; /* of what is mixed */
+  memory *last;           /* 64 a block */
+  uint8_t *visits;        /* of each block */
   depth_mix_counts counts;
 };
 
@@ -80,96 +74,71 @@ bool flat_texel_scale(const slf_mesh *mesh, uint32_t u_count, uint32_t v_count, 
   return true;
 }
 
-/* ---- Blocks ------------------------------------------------------------------------------------
- */
-
-static bool memo_create(block_memo *memo, const slf_layer *layer, block_source source) {
-  *memo = (block_memo){.source = source, .u_count = layer->u_count, .v_count = layer->v_count};
-  memo->entries = malloc(MEMO_COUNT * sizeof *memo->entries);
-  for (int i = 0; i < MEMO_COUNT && memo->entries; i++) memo->entries[i].key = UINT64_MAX;
-  return memo->entries;
-}
-
-static const memo_entry *memo_find(block_memo *memo, uint32_t slice, uint32_t block_u,
-                                   uint32_t block_v) {
-  uint64_t key = (uint64_t)block_v << 32 | (uint64_t)block_u << 16 | slice;
-  memo_entry *entry = &memo->entries[(key * 0x9e3779b97f4a7c15u) >> 48 & (MEMO_COUNT - 1)];
-  if (entry->key != key) {
-    slice_index index = (slice_index)slice;
-    const uint8_t *u_block;
-    memo->source.fetch(memo->source.context, block_u, block_v, &index, 1, &u_block);
-    memcpy(entry->texels, u_block, SLF_BLOCK_NBYTES);
-    entry->key = key;
-  }
-  return entry;
-}
-
 /* ---- What a slice sees --------------------------------------------------------------------------
  */
 
-static int clamp_index(int x, uint32_t count) {
-  return x < 0 ? 0 : x >= (int)count ? (int)count - 1 : x;
+/* A slice near a ray's direction: its weight, and (q_i - q). */
+typedef struct {
+  uint32_t s, t;
+  const int32_t *table; /* of its pages */
+  float weight, dx, dy;
+} neighbour;
+
+/* A place in a slice: the page and the texel there that it is right of and below, and how far. */
+typedef struct {
+  const uint8_t *page;
+  int x, y;
+  float fx, fy;
+} place;
+
+static inline float confine(float x, float last) {
+  return x < 0 ? 0 : x > last ? last : x;
 }
 
-/* The four texels around (x, y), and how far it is from the first. */
-static void find_texels(block_memo *memo, uint32_t slice, float x, float y,
-                        const uint8_t *texels[4], float *fx, float *fy) {
-  float left = floorf(x - 0.5f), top = floorf(y - 0.5f);
-  int x0 = (int)left, y0 = (int)top;
-  *fx = x - 0.5f - left, *fy = y - 0.5f - top;
-  if (x0 >= 0 && y0 >= 0 && (x0 & 7) < 7 && (y0 & 7) < 7 && x0 + 1 < (int)memo->u_count &&
-      y0 + 1 < (int)memo->v_count) {
-    const uint8_t *first = memo_find(memo, slice, (uint32_t)x0 / 8, (uint32_t)y0 / 8)->texels +
-                           ((y0 & 7) * 8 + (x0 & 7)) * 4;
-    texels[0] = first, texels[1] = first + 4, texels[2] = first + 32, texels[3] = first + 36;
-    return;
-  }
-  for (int k = 0; k < 4; k++) {
-    uint32_t i = (uint32_t)clamp_index(x0 + (k & 1), memo->u_count);
-    uint32_t j = (uint32_t)clamp_index(y0 + (k >> 1), memo->v_count);
-    texels[k] = memo_find(memo, slice, i / 8, j / 8)->texels + (j % 8 * 8 + i % 8) * 4;
-  }
+static inline place find_place(depth_mixer *m, const neighbour *n, float x, float y) {
+  depth_pages *p = &m->pages;
+  x = confine(x - 0.5f, m->u_end - 1.5f);
+  y = confine(y - 0.5f, m->v_end - 1.5f);
+  int i = (int)x, j = (int)y;
+  int32_t page = n->table[(uint32_t)(j >> 3) * p->block_u_count + (uint32_t)(i >> 3)];
+  if (page == PAGE_ABSENT) page = depth_pages_load(p, n->s, n->t, (uint32_t)i / 8, (uint32_t)j / 8);
+  return (place){p->bytes + page, i & 7, j & 7, x - (float)i, y - (float)j};
 }
 
 /* The code of the height that the slice sees at texel (x, y) of the light; -1 beyond the surface.
  */
-static float code_at(depth_mixer *m, uint32_t slice, float x, float y) {
+static float code_at(depth_mixer *m, const neighbour *n, float x, float y) {
   if (!(x >= -0.5f && y >= -0.5f && x <= m->u_end && y <= m->v_end)) return -1;
-  const uint8_t *t[4];
-  float fx, fy;
-  find_texels(&m->heights, slice, x * m->heights_per_u, y * m->heights_per_v, t, &fx, &fy);
-  int a = t[0][1], b = t[1][1], c = t[2][1], d = t[3][1];
+  place at = find_place(m, n, x, y);
+  const uint8_t *t = at.page + at.y * PAGE_ROW_NBYTES + at.x * 4 + 3;
+  int a = t[0], b = t[4], c = t[PAGE_ROW_NBYTES], d = t[PAGE_ROW_NBYTES + 4];
   int low = a < b ? a : b, high = a < b ? b : a, low_2 = c < d ? c : d, high_2 = c < d ? d : c;
   if (low_2 < low) low = low_2;
   if (high_2 > high) high = high_2;
   /* Between a thing and what is behind it there is nothing. */
-  if (high - low > EDGE_CODES) return t[(fx > 0.5f) + 2 * (fy > 0.5f)][1];
-  float top = (float)a + fx * (float)(b - a), bottom = (float)c + fx * (float)(d - c);
-  return top + fy * (bottom - top);
+  if (high - low > EDGE_CODES)
+    return at.fy > 0.5f ? (float)(at.fx > 0.5f ? d : c) : (float)(at.fx > 0.5f ? b : a);
+  float top = (float)a + at.fx * (float)(b - a), bottom = (float)c + at.fx * (float)(d - c);
+  return top + at.fy * (bottom - top);
 }
 
 static float height_of(const depth_mixer *m, float code) {
   return m->unit * code / (256 - code);
 }
 
-static void add_light(depth_mixer *m, uint32_t slice, float x, float y, float weight,
+static void add_light(depth_mixer *m, const neighbour *n, float x, float y, float weight,
                       float rgb[3]) {
-  const uint8_t *t[4];
-  float fx, fy;
-  find_texels(&m->light, slice, x, y, t, &fx, &fy);
-  float w[4] = {(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy};
-  for (int channel = 0; channel < 3; channel++)
-    for (int k = 0; k < 4; k++) rgb[channel] += weight * w[k] * m->linear[t[k][channel]];
+  place at = find_place(m, n, x, y);
+  for (int k = 0; k < 4; k++) {
+    float w = weight * (k & 1 ? at.fx : 1 - at.fx) * (k & 2 ? at.fy : 1 - at.fy) / PAGE_WHITE;
+    const uint8_t *texel = at.page + (at.y + k / 2) * PAGE_ROW_NBYTES + (at.x + k % 2) * 4;
+    for (int channel = 0; channel < 3; channel++)
+      rgb[channel] += w * (float)(texel[channel] * texel[channel]);
+  }
 }
 
 /* ---- One texel ----------------------------------------------------------------------------------
  */
-
-/* A slice near the ray's direction: its weight, and (q_i - q). */
-typedef struct {
-  uint32_t slice;
-  float weight, dx, dy;
-} neighbour;
 
 typedef struct {
   float x, y;         /* texel */
@@ -179,37 +148,30 @@ typedef struct {
   int near_count;
 } ray;
 
-static ray make_ray(const depth_mixer *m, float x, float y, float S, float T) {
-  float s = 2 * S - 1, t = 2 * T - 1;
-  s = fabsf(s) < 1e9f ? s : 0; /* NaN too */
-  t = fabsf(t) < 1e9f ? t : 0;
-  float radius_2 = s * s + t * t, pull = radius_2 > rim * rim ? rim / sqrtf(radius_2) : 1;
-  s *= pull, t *= pull;
-  float n = sqrtf(1 - s * s - t * t);
-  ray r = {.x = x, .y = y};
-  r.qx = (m->scale[0] * s + m->scale[1] * t) / n;
-  r.qy = (m->scale[2] * s + m->scale[3] * t) / n;
-  r.i = fminf(fmaxf(0.5f * (s + 1) * (float)m->s_count - 0.5f, 0), (float)(m->s_count - 1));
-  r.j = fminf(fmaxf(0.5f * (t + 1) * (float)m->t_count - 0.5f, 0), (float)(m->t_count - 1));
-  return r;
-}
-
 /* The slices within `reach` of the ray's direction that it does not have yet, weighed by a tent of
  * that width; a slice on the tent's rim keeps a hundredth, as its word on visibility counts. */
-static void add_neighbours(const depth_mixer *m, ray *r, int reach) {
+static void add_neighbours(depth_mixer *m, ray *r, int reach) {
   int i0 = (int)r->i, j0 = (int)r->j;
-  if (m->s_count > 1 && i0 > (int)m->s_count - 2) i0 = (int)m->s_count - 2;
-  if (m->t_count > 1 && j0 > (int)m->t_count - 2) j0 = (int)m->t_count - 2;
+  if (m->geometry.s_count > 1 && i0 > (int)m->geometry.s_count - 2)
+    i0 = (int)m->geometry.s_count - 2;
+  if (m->geometry.t_count > 1 && j0 > (int)m->geometry.t_count - 2)
+    j0 = (int)m->geometry.t_count - 2;
   for (int j = j0 + 1 - reach; j <= j0 + reach; j++)
     for (int i = i0 + 1 - reach; i <= i0 + reach; i++) {
       if (reach == 2 && i >= i0 && i <= i0 + 1 && j >= j0 && j <= j0 + 1) continue;
-      if (i < 0 || j < 0 || i >= (int)m->s_count || j >= (int)m->t_count) continue;
-      const float *q = m->slopes[(uint32_t)i * m->t_count + (uint32_t)j];
+      if (i < 0 || j < 0 || i >= (int)m->geometry.s_count || j >= (int)m->geometry.t_count)
+        continue;
+      const float *q = m->slopes[(uint32_t)i * m->geometry.t_count + (uint32_t)j];
       if (isnan(q[0])) continue;
       float wide = 1.0f / (float)reach;
       float weight = fmaxf(1 - wide * fabsf((float)i - r->i), 0) *
                      fmaxf(1 - wide * fabsf((float)j - r->j), 0) * wide;
-      neighbour n = {(uint32_t)i << 8 | (uint32_t)j, weight + 0.01f, q[0] - r->qx, q[1] - r->qy};
+      neighbour n = {.s = (uint32_t)i,
+                     .t = (uint32_t)j,
+                     .table = depth_pages_table(&m->pages, (uint32_t)i, (uint32_t)j),
+                     .weight = weight + LEAST_WEIGHT,
+                     .dx = q[0] - r->qx,
+                     .dy = q[1] - r->qy};
       r->near[r->near_count] = n;
       if (n.weight > r->near[0].weight) r->near[r->near_count] = r->near[0], r->near[0] = n;
       r->near_count++;
@@ -218,7 +180,7 @@ static void add_neighbours(const depth_mixer *m, ray *r, int reach) {
 
 /* How far apart two heights may be and still be one: codes, slopes and edges are not exact. */
 static float tolerance(const depth_mixer *m, float h) {
-  return 0.005f * m->unit + 0.03f * h;
+  return TOLERANCE_UNITS * m->unit + TOLERANCE_SHARE * h;
 }
 
 /* 1 for the same height, 0 beyond twice the tolerance. */
@@ -233,7 +195,7 @@ static float agreement(float off) {
  * hit. */
 static float meet(depth_mixer *m, const ray *r, const neighbour *n) {
   float d = fmaxf(fabsf(n->dx), fabsf(n->dy)), step = STEP_TEXELS / fmaxf(d, 1e-3f), h = 0;
-  float code = code_at(m, n->slice, r->x, r->y), last_code = code, last_open = 1;
+  float code = code_at(m, n, r->x, r->y), last_code = code, last_open = 1;
   for (int k = 0; k < MAX_STEPS && code >= 0; k++) {
     float seen = height_of(m, code), open = seen - h;
     if (open <= 0 && last_open > 0 && fabsf(code - last_code) <= EDGE_CODES)
@@ -242,7 +204,7 @@ static float meet(depth_mixer *m, const ray *r, const neighbour *n) {
     /* Slices that look almost along the ray see what it meets at once. */
     if (d * fabsf(open) < 0.5f) return seen;
     h += step;
-    code = code_at(m, n->slice, r->x + h * n->dx, r->y + h * n->dy);
+    code = code_at(m, n, r->x + h * n->dx, r->y + h * n->dy);
   }
   return -1;
 }
@@ -253,7 +215,7 @@ static float judge(depth_mixer *m, const ray *r, float h) {
   float sum = 0, scale = 1 / tolerance(m, h);
   for (int k = 0; k < r->near_count; k++) {
     const neighbour *n = &r->near[k];
-    float code = code_at(m, n->slice, r->x + h * n->dx, r->y + h * n->dy);
+    float code = code_at(m, n, r->x + h * n->dx, r->y + h * n->dy);
     if (code < 0) continue;
     float off = (height_of(m, code) - h) * scale;
     sum += off > 2 ? -n->weight : n->weight * agreement(off);
@@ -274,7 +236,7 @@ static float find_height(depth_mixer *m, const ray *r, float *score) {
     heights[count] = h;
     scores[count] = judge(m, r, h);
     if (scores[count] > best) best = scores[count];
-    if (scores[count++] > all_agree) break;
+    if (scores[count++] > ALL_AGREE) break;
   }
   for (int i = 0; i < count; i++)
     if (scores[i] >= 0.5f * best && heights[i] < lowest) lowest = heights[i];
@@ -288,11 +250,11 @@ static float mix_at(depth_mixer *m, const ray *r, float h, float rgb[3]) {
   rgb[0] = rgb[1] = rgb[2] = 0;
   for (int k = 0; k < r->near_count; k++) {
     const neighbour *n = &r->near[k];
-    float x = r->x + h * n->dx, y = r->y + h * n->dy, code = code_at(m, n->slice, x, y);
+    float x = r->x + h * n->dx, y = r->y + h * n->dy, code = code_at(m, n, x, y);
     if (code < 0) continue;
     float weight = n->weight * agreement((height_of(m, code) - h) * scale);
     if (weight < 1e-5f) continue;
-    add_light(m, n->slice, x, y, weight, rgb);
+    add_light(m, n, x, y, weight, rgb);
     sum += weight;
   }
   for (int k = 0; k < 3 && sum > 0; k++) rgb[k] /= sum;
@@ -306,80 +268,196 @@ static void mix_four_tap(depth_mixer *m, ray *r, float rgb[3]) {
   r->near_count = 0;
   add_neighbours(m, r, 1);
   for (int k = 0; k < r->near_count; k++) {
-    add_light(m, r->near[k].slice, r->x, r->y, r->near[k].weight, rgb);
+    add_light(m, &r->near[k], r->x, r->y, r->near[k].weight, rgb);
     sum += r->near[k].weight;
   }
   for (int k = 0; k < 3; k++) rgb[k] /= sum;
 }
 
-/* Returns the height that was found, -1 for none. */
-static float mix_texel(depth_mixer *m, ray *r, float rgb[3]) {
-  for (int reach = 1; reach <= 2; reach++) {
-    float score;
-    if (reach == 2) add_neighbours(m, r, reach);
-    float h = find_height(m, r, &score);
-    if (score < (reach == 1 ? 0.15f : 0.01f)) continue;
-    m->counts.wide_count += reach == 2;
-    if (mix_at(m, r, h, rgb) > 0) return h;
-  }
-  m->counts.four_tap_count++;
-  mix_four_tap(m, r, rgb);
-  return -1;
-}
-
 /* ---- Blocks of texels --------------------------------------------------------------------------
  */
 
-static ray ray_of_texel(const depth_mixer *m, uint32_t block_u, uint32_t block_v,
-                        const block_directions *directions, uint32_t k) {
-  float x = ((float)(8 * block_u + k % 8) + 0.5f) * m->texel_u;
-  float y = ((float)(8 * block_v + k / 8) + 0.5f) * m->texel_v;
-  ray r = make_ray(m, x, y, directions->s[k], directions->t[k]);
-  add_neighbours(m, &r, 1);
-  return r;
+/* What was found for a texel last time is where it is looked for next. Every REFRESH-th texel with
+ * some slices that disagree forgets, so that nothing wrong stays. */
+enum { REFRESH = 32 };
+
+static memory *recall(depth_mixer *m, uint32_t block_u, uint32_t block_v) {
+  size_t block = (size_t)block_v * m->block_u_count + block_u;
+  memory *last = m->last + 64 * block;
+  for (uint32_t k = m->visits[block]++ % REFRESH; k < 64; k += REFRESH)
+    if (last[k].score < (int)(100 * ALL_AGREE)) last[k].kind = SEEN_UNKNOWN;
+  return last;
 }
 
-static void put_texel(uint16_t *out, size_t row_nbytes, uint32_t k, const float rgb[3]) {
-  uint16_t *texel = (uint16_t *)((uint8_t *)out + k / 8 * row_nbytes) + k % 8 * 4;
-  for (int a = 0; a < 3; a++) texel[a] = half_from_float(rgb[a]);
-  texel[3] = HALF_ONE;
+static void remember(const depth_rays *rays, uint32_t k, memory *now, uint8_t kind) {
+  now[k] =
+      (memory){(uint16_t)(256 * fmaxf(rays->code[k], 0)), (int8_t)(100 * rays->score[k]), kind};
 }
 
-/* A height near *guess that all slices around agree on gives the texel, and becomes *guess; false
- * if there is none. */
-static bool mix_near(depth_mixer *m, const ray *r, float *guess, float rgb[3]) {
-  const neighbour *n = &r->near[0];
-  float h = *guess;
-  for (int i = 0; i < 2; i++) {
-    float code = code_at(m, n->slice, r->x + h * n->dx, r->y + h * n->dy);
-    if (code < 0) return false;
-    h = height_of(m, code);
+/* A little less than last time, as directions change. */
+static float wanted_score(const memory *last) {
+  float wanted = 0.01f * (float)last->score - 0.1f;
+  return wanted < ALL_AGREE ? wanted : ALL_AGREE;
+}
+
+/* The slices at a cell's corners. */
+static depth_cell find_cell(depth_mixer *m, uint32_t i0, uint32_t j0) {
+  depth_cell cell = {.pages = &m->pages, .unit = m->unit, .i0 = i0, .j0 = j0};
+  const depth_geometry *g = &m->geometry;
+  uint32_t any = 0;
+  for (uint32_t k = 0; k < 4; k++) {
+    uint32_t i = i0 + (k & 1), j = j0 + (k >> 1);
+    bool exists = i < g->s_count && j < g->t_count && !isnan(m->slopes[i * g->t_count + j][0]);
+    cell.exists[k] = exists;
+    if (exists) any = k;
   }
-  bool near = fabsf(h - *guess) < 4 * tolerance(m, h);
-  *guess = h;
-  return near && mix_at(m, r, h, rgb) > all_agree;
+  for (uint32_t k = 0; k < 4; k++) {
+    uint32_t from = cell.exists[k] > 0 ? k : any, i = i0 + (from & 1), j = j0 + (from >> 1);
+    const float *q = m->slopes[i * g->t_count + j];
+    cell.s[k] = i, cell.t[k] = j;
+    cell.qx[k] = q[0], cell.qy[k] = q[1];
+    cell.tables[k] = depth_pages_table(&m->pages, i, j);
+  }
+  return cell;
 }
 
-/* Heights change slowly but at edges: the texel to the left foretells a texel's, or the one above.
- * Where a thing ends, slices on either side of the ray see past it or do not, so not all agree. */
+/* Follows each slice along the ray of texel k; more slices where the four around see nothing. */
+static uint8_t search(depth_mixer *m, depth_rays *rays, uint32_t k, ray *r) {
+  for (int reach = 1; reach <= 2; reach++) {
+    if (reach == 2) add_neighbours(m, r, reach);
+    float h = find_height(m, r, &rays->score[k]);
+    if (rays->score[k] < (reach == 1 ? 0.15f : 0.01f)) continue;
+    if (!(mix_at(m, r, h, rays->rgba[k]) > 0)) continue;
+    rays->code[k] = 256 * h / (m->unit + h);
+    return reach == 1 ? SEEN_NEAR : SEEN_WIDE;
+  }
+  mix_four_tap(m, r, rays->rgba[k]);
+  return SEEN_NOT;
+}
+
+/* Where the four slices around did not do last time. */
+static bool mix_again(depth_mixer *m, depth_rays *rays, uint32_t k, ray *r, const memory *last) {
+  float code = (float)last->code / 256, h = height_of(m, code);
+  if (last->kind == SEEN_NOT) mix_four_tap(m, r, rays->rgba[k]);
+  if (last->kind != SEEN_WIDE) return last->kind == SEEN_NOT;
+  add_neighbours(m, r, 2);
+  rays->code[k] = code;
+  rays->score[k] = judge(m, r, h);
+  if (rays->score[k] > wanted_score(last) && mix_at(m, r, h, rays->rgba[k]) > 0) return true;
+  r->near_count = 0;
+  add_neighbours(m, r, 1);
+  return false;
+}
+
+static void mix_alone(depth_mixer *m, depth_rays *rays, uint32_t k, const memory *last,
+                      memory *now) {
+  ray r = {rays->x[k], rays->y[k], rays->qx[k], rays->qy[k], rays->i[k], rays->j[k], {{0}}, 0};
+  add_neighbours(m, &r, 1);
+  rays->score[k] = 0;
+  uint8_t kind = mix_again(m, rays, k, &r, &last[k]) ? last[k].kind : search(m, rays, k, &r);
+  m->counts.wide_count += kind == SEEN_WIDE;
+  m->counts.four_tap_count += kind == SEEN_NOT;
+  rays->rgba[k][3] = 1;
+  remember(rays, k, now, kind);
+}
+
+/* Where a guess comes from. */
+typedef enum {
+  GUESS_AGAIN, /* from the texel itself, last time */
+  GUESS_RIGHT, /* from the neighbours, last time: what moves, moves over a texel from there */
+  GUESS_LEFT,
+  GUESS_BELOW,
+  GUESS_ABOVE,
+  GUESS_ROW, /* from the row above, now */
+  GUESS_COUNT
+} guess_origin;
+
+static bool guess(const depth_rays *rays, const memory *last, uint32_t k, guess_origin origin,
+                  float *code, float *wanted) {
+  if (origin == GUESS_ROW) {
+    *code = k > 7 ? rays->code[k - 8] : -1;
+    *wanted = ALL_AGREE;
+    return *code >= 0;
+  }
+  const int columns[] = {0, 1, -1, 0, 0}, rows[] = {0, 0, 0, 1, -1};
+  int column = (int)k % 8 + columns[origin], row = (int)k / 8 + rows[origin];
+  if (column < 0 || row < 0 || column > 7 || row > 7) return false;
+  const memory *from = &last[8 * row + column];
+  *code = (float)from->code / 256;
+  *wanted = wanted_score(from);
+  return from->kind == SEEN_NEAR && (origin == GUESS_AGAIN || last[k].kind != SEEN_UNKNOWN);
+}
+
+/* Mixes what it can of the texels, all of one cell, from what is guessed; the others stay in the
+ * list. */
+static int mix_guessed(depth_mixer *m, const depth_cell *cell, depth_rays *rays, uint8_t *texels,
+                       int count, const memory *last, guess_origin origin, memory *now) {
+  int kept = 0;
+  for (int n = 0; n < count;) {
+    uint8_t eight[LANES];
+    float guesses[LANES], wanted[LANES];
+    int found = 0;
+    for (; n < count && found < LANES; n++)
+      if (guess(rays, last, texels[n], origin, &guesses[found], &wanted[found]))
+        eight[found++] = texels[n];
+      else
+        texels[kept++] = texels[n];
+    if (found == 0) break;
+    for (int l = found; l < LANES; l++) guesses[l] = guesses[0], wanted[l] = wanted[0];
+    unsigned mixed = m->kernel->mix(cell, rays, eight, found, guesses, wanted);
+    m->counts.foretold_count += (uint64_t)__builtin_popcount(mixed);
+    for (int l = 0; l < found; l++)
+      if (mixed >> l & 1)
+        remember(rays, eight[l], now, SEEN_NEAR);
+      else
+        texels[kept++] = eight[l];
+  }
+  return kept;
+}
+
+/* Row by row, so that each row foretells the next. */
+static void mix_rest(depth_mixer *m, const depth_cell *cell, depth_rays *rays, uint8_t *texels,
+                     int count, const memory *last, memory *now) {
+  for (int n = 0; n < count;) {
+    int begin = n, row = texels[n] / 8;
+    while (n < count && texels[n] / 8 == row) n++;
+    int left = mix_guessed(m, cell, rays, texels + begin, n - begin, last, GUESS_ROW, now);
+    for (int l = 0; l < left; l++) mix_alone(m, rays, texels[begin + l], last, now);
+  }
+}
+
 void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
                      const block_directions *directions, uint16_t *out, size_t row_nbytes) {
-  float heights[64];
-  for (uint32_t k = 0; k < 64; k++) {
-    float rgb[3], guess = k % 8 > 0 ? heights[k - 1] : k > 7 ? heights[k - 8] : -1;
-    heights[k] = -1;
-    if (!(directions->mask >> k & 1)) {
-      memset((uint8_t *)out + k / 8 * row_nbytes + k % 8 * 8, 0, 8);
-      continue;
+  depth_rays rays;
+  memory last[64], *now = recall(m, block_u, block_v);
+  memcpy(last, now, sizeof last);
+  m->kernel->place(&m->geometry, block_u, block_v, directions, &rays);
+  if (~directions->mask) memset(rays.rgba, 0, sizeof rays.rgba);
+  m->counts.texel_count += (uint64_t)__builtin_popcountll(directions->mask);
+  for (uint64_t left = directions->mask; left;) {
+    int32_t at = rays.cell[__builtin_ctzll(left)];
+    depth_cell cell =
+        find_cell(m, (uint32_t)at / m->geometry.t_count, (uint32_t)at % m->geometry.t_count);
+    uint8_t texels[64];
+    int count = 0;
+    for (uint64_t k = left; k; k &= k - 1) {
+      int texel = __builtin_ctzll(k);
+      if (rays.cell[texel] != at) continue;
+      texels[count++] = (uint8_t)texel;
+      left &= ~(1ull << texel);
     }
-    ray r = ray_of_texel(m, block_u, block_v, directions, k);
-    m->counts.texel_count++;
-    if (guess >= 0 && mix_near(m, &r, &guess, rgb))
-      m->counts.foretold_count++, heights[k] = guess;
-    else
-      heights[k] = mix_texel(m, &r, rgb);
-    put_texel(out, row_nbytes, k, rgb);
+    for (int origin = GUESS_AGAIN; origin < GUESS_ROW && count; origin++)
+      count = mix_guessed(m, &cell, &rays, texels, count, last, (guess_origin)origin, now);
+    mix_rest(m, &cell, &rays, texels, count, last, now);
   }
+  m->kernel->put(&rays, out, row_nbytes);
+}
+
+void depth_mixer_use_kernel(depth_mixer *m, resample_kernel kernel) {
+  m->kernel = &depth_kernel_plain;
+#if defined(__x86_64__)
+  if (kernel == RESAMPLE_BEST && cpu_has_avx2_f16c()) m->kernel = &depth_kernel_avx2;
+#endif
 }
 
 depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
@@ -387,31 +465,34 @@ depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
                                 uint32_t u_count, uint32_t v_count) {
   depth_mixer *m = calloc(1, sizeof *m);
   if (!m) return NULL;
-  m->s_count = reflected->s_count, m->t_count = reflected->t_count;
+  m->geometry.s_count = reflected->s_count, m->geometry.t_count = reflected->t_count;
   m->u_end = (float)reflected->u_count + 0.5f, m->v_end = (float)reflected->v_count + 0.5f;
-  m->heights_per_u = (float)height->u_count / (float)reflected->u_count;
-  m->heights_per_v = (float)height->v_count / (float)reflected->v_count;
-  m->texel_u = (float)reflected->u_count / (float)u_count;
-  m->texel_v = (float)reflected->v_count / (float)v_count;
-  memcpy(m->scale, scale, sizeof m->scale);
+  m->geometry.texel_u = (float)reflected->u_count / (float)u_count;
+  m->geometry.texel_v = (float)reflected->v_count / (float)v_count;
+  memcpy(m->geometry.scale, scale, sizeof m->geometry.scale);
   m->unit = height->height_unit;
-  m->slopes = calloc((size_t)m->s_count * m->t_count, sizeof *m->slopes);
-  bool made = memo_create(&m->light, reflected, light) && m->slopes;
-  if (!memo_create(&m->heights, height, heights) || !made) {
+  m->slopes = calloc((size_t)m->geometry.s_count * m->geometry.t_count, sizeof *m->slopes);
+  depth_mixer_use_kernel(m, RESAMPLE_BEST);
+  m->block_u_count = (u_count + 7) / 8;
+  size_t block_count = (size_t)m->block_u_count * ((v_count + 7) / 8);
+  m->last = calloc(64 * block_count, sizeof *m->last);
+  m->visits = calloc(block_count, 1);
+  if (!depth_pages_create(&m->pages, reflected, light, height, heights) || !m->slopes || !m->last ||
+      !m->visits) {
     depth_mixer_free(m);
     return NULL;
   }
-  for (uint32_t i = 0; i < m->s_count; i++)
-    for (uint32_t j = 0; j < m->t_count; j++) {
+  for (uint32_t i = 0; i < m->geometry.s_count; i++)
+    for (uint32_t j = 0; j < m->geometry.t_count; j++) {
       double d[3];
-      float *q = m->slopes[i * m->t_count + j];
+      float *q = m->slopes[i * m->geometry.t_count + j];
       q[0] = NAN;
-      if (!slf_slice_exists(m->s_count, m->t_count, i, j)) continue;
-      slf_direction((i + 0.5) / m->s_count, (j + 0.5) / m->t_count, SLF_BAKED_N_MIN, d);
+      if (!slf_slice_exists(m->geometry.s_count, m->geometry.t_count, i, j)) continue;
+      slf_direction((i + 0.5) / m->geometry.s_count, (j + 0.5) / m->geometry.t_count,
+                    SLF_BAKED_N_MIN, d);
       q[0] = (scale[0] * (float)d[0] + scale[1] * (float)d[1]) / (float)d[2];
       q[1] = (scale[2] * (float)d[0] + scale[3] * (float)d[1]) / (float)d[2];
     }
-  for (int code = 0; code < 256; code++) m->linear[code] = slf_linear_from_srgb((uint8_t)code);
   return m;
 }
 
@@ -422,7 +503,8 @@ const depth_mix_counts *depth_mixer_counts(const depth_mixer *m) {
 void depth_mixer_free(depth_mixer *m) {
   if (!m) return;
   free(m->slopes);
-  free(m->light.entries);
-  free(m->heights.entries);
+  free(m->last);
+  free(m->visits);
+  depth_pages_free(&m->pages);
   free(m);
 }

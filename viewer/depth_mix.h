@@ -34,6 +34,9 @@ void depth_mixer_free(depth_mixer *m); /* accepts NULL */
 void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
                      const block_directions *directions, uint16_t *out, size_t row_nbytes);
 
+/* The plain C and the vector kernels give the same bytes; tests hold them against each other. */
+void depth_mixer_use_kernel(depth_mixer *m, resample_kernel kernel);
+
 /* Counts since creation. */
 typedef struct {
   uint64_t texel_count;

@@ -1,0 +1,68 @@
+/* depth_kernel.h - eight texels at once of the mix by depth (depth_mix.h): the inner loop, compiled
+ * for plain C and for AVX2, with the same results. */
+#ifndef DEPTH_KERNEL_H
+#define DEPTH_KERNEL_H
+
+#include "depth_pages.h"
+#include "resample.h"
+
+enum { LANES = 8 };
+
+/* The four slices around the directions of some texels: at the corners of a cell of (S,T), bit 0 of
+ * their number along s, bit 1 along t. */
+typedef struct {
+  depth_pages *pages;
+  float unit;               /* of the heights */
+  uint32_t i0, j0;          /* the first */
+  uint32_t s[4], t[4];      /* of each */
+  float exists[4];          /* 1, or 0: then another stands in, and counts for nothing */
+  const int32_t *tables[4]; /* of pages */
+  float qx[4], qy[4];       /* slopes, texels a unit of height */
+} depth_cell;
+
+/* The rays of a block's texels, 8 row + column. Texels are those of the light; slopes as those of
+ * the slices. */
+typedef struct {
+  float x[64], y[64];
+  float qx[64], qy[64];
+  float i[64], j[64]; /* place among the slices, S and T */
+  int32_t cell[64];   /* i0 * t_count + j0 of the cell of slices around */
+  float code[64];     /* of the height that was found, below 0 for none, as at first */
+  float score[64];    /* of that height: weight of slices that agree on it, less of those that look
+                         through it */
+  float rgba[64][4];  /* linear; A = 1 */
+} depth_rays;
+
+/* What rays are made from. */
+typedef struct {
+  uint32_t s_count, t_count;
+  float texel_u, texel_v; /* texels of light per texel mixed */
+  float scale[4];         /* see flat_texel_scale */
+} depth_geometry;
+
+typedef struct {
+  /* The rays of block (block_u, block_v) for its directions. */
+  void (*place)(const depth_geometry *g, uint32_t block_u, uint32_t block_v,
+                const block_directions *directions, depth_rays *rays);
+  /* Mixes those of `count` <= 8 texels, all of one cell, for whose height there is good evidence;
+   * returns them as a mask. Of each eight: guesses, codes of heights to begin with; wanted, the
+   * score for which the one found is taken. */
+  unsigned (*mix)(const depth_cell *cell, depth_rays *rays, const uint8_t *texels, int count,
+                  const float guesses[LANES], const float wanted[LANES]);
+  /* Writes the block as half floats. */
+  void (*put)(const depth_rays *rays, uint16_t *out, size_t row_nbytes);
+} depth_kernel;
+
+extern const depth_kernel depth_kernel_plain, depth_kernel_avx2;
+
+/* Thresholds, of all mixing by depth: see depth_mix.c. */
+enum { EDGE_CODES = 12 /* heights further apart are of two things */ };
+/* A slice on the rim of the neighbourhood keeps this weight: its word on visibility counts. */
+#define LEAST_WEIGHT 0.01f
+/* The weight of slices that must agree for no more to be asked. */
+#define ALL_AGREE 0.93f
+/* How far apart two heights may be and still be one: codes, slopes and edges are not exact. */
+#define TOLERANCE_UNITS 0.005f
+#define TOLERANCE_SHARE 0.03f
+
+#endif

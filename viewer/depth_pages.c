@@ -1,0 +1,119 @@
+#include "depth_pages.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MIN_PAGES = 1024, MAX_PAGES = 1 << 17, PAGES_A_BLOCK = 64 };
+
+static uint32_t smaller(uint32_t a, uint32_t b) {
+  return a < b ? a : b;
+}
+
+bool depth_pages_create(depth_pages *p, const slf_layer *light, block_source light_source,
+                        const slf_layer *heights, block_source heights_source) {
+  *p = (depth_pages){.u_count = light->u_count,
+                     .v_count = light->v_count,
+                     .block_u_count = (light->u_count + 7) / 8,
+                     .block_v_count = (light->v_count + 7) / 8,
+                     .height_u_count = heights->u_count,
+                     .height_v_count = heights->v_count,
+                     .t_count = light->t_count,
+                     .light = light_source,
+                     .heights = heights_source};
+  uint32_t wanted = PAGES_A_BLOCK * p->block_u_count * p->block_v_count;
+  p->page_count = wanted < MIN_PAGES ? MIN_PAGES : smaller(wanted, MAX_PAGES);
+  for (int code = 0; code < 256; code++)
+    p->root[code] = (uint8_t)(255 * sqrtf(slf_linear_from_srgb((uint8_t)code)) + 0.5f);
+  p->bytes = aligned_alloc(64, (size_t)p->page_count * PAGE_NBYTES);
+  p->owners = calloc(p->page_count, sizeof *p->owners);
+  p->tables = calloc((size_t)light->s_count * light->t_count, sizeof *p->tables);
+  p->slice_count = light->s_count * light->t_count;
+  if (p->bytes && p->owners && p->tables) return true;
+  depth_pages_free(p);
+  return false;
+}
+
+void depth_pages_free(depth_pages *p) {
+  for (uint32_t i = 0; i < p->slice_count && p->tables; i++) free(p->tables[i]);
+  free(p->tables);
+  free(p->owners);
+  free(p->bytes);
+  *p = (depth_pages){0};
+}
+
+const int32_t *depth_pages_table(depth_pages *p, uint32_t s_index, uint32_t t_index) {
+  int32_t **table = &p->tables[s_index * p->t_count + t_index];
+  size_t count = (size_t)p->block_u_count * p->block_v_count;
+  if (!*table && (*table = malloc(count * sizeof **table)))
+    for (size_t i = 0; i < count; i++) (*table)[i] = PAGE_ABSENT;
+  return *table;
+}
+
+static void fetch_block(block_source source, slice_index slice, uint32_t block_u, uint32_t block_v,
+                        uint8_t *texels) {
+  const uint8_t *u_block;
+  source.fetch(source.context, block_u, block_v, &slice, 1, &u_block);
+  memcpy(texels, u_block, SLF_BLOCK_NBYTES);
+}
+
+/* 9 x 9 texels of a layer from texel (8 block_u, 8 block_v) on; those beyond its edge repeat it. */
+static void fetch_texels(block_source source, slice_index slice, uint32_t block_u, uint32_t block_v,
+                         uint32_t u_count, uint32_t v_count, uint8_t texels[9][9][4]) {
+  uint8_t blocks[4][SLF_BLOCK_NBYTES];
+  bool right = 8 * block_u + 8 < u_count, below = 8 * block_v + 8 < v_count;
+  uint32_t last_u = smaller(8, u_count - 1 - 8 * block_u);
+  uint32_t last_v = smaller(8, v_count - 1 - 8 * block_v);
+  for (uint32_t k = 0; k < 4; k++)
+    if ((right || !(k & 1)) && (below || !(k & 2)))
+      fetch_block(source, slice, block_u + (k & 1), block_v + (k >> 1), blocks[k]);
+  for (uint32_t y = 0; y < 9; y++)
+    for (uint32_t x = 0; x < 9; x++) {
+      uint32_t i = smaller(x, last_u), j = smaller(y, last_v);
+      memcpy(texels[y][x], blocks[i / 8 + 2 * (j / 8)] + (j % 8 * 8 + i % 8) * 4, 4);
+    }
+}
+
+/* The same of heights that have fewer texels than the light. */
+static void fetch_heights(const depth_pages *p, slice_index slice, uint32_t block_u,
+                          uint32_t block_v, uint8_t texels[9][9][4]) {
+  if (p->height_u_count == p->u_count && p->height_v_count == p->v_count) {
+    fetch_texels(p->heights, slice, block_u, block_v, p->u_count, p->v_count, texels);
+    return;
+  }
+  uint8_t u_block[SLF_BLOCK_NBYTES];
+  uint32_t at_u = UINT32_MAX, at_v = UINT32_MAX;
+  for (uint32_t y = 0; y < 9; y++)
+    for (uint32_t x = 0; x < 9; x++) {
+      uint64_t u = smaller(8 * block_u + x, p->u_count - 1);
+      uint64_t v = smaller(8 * block_v + y, p->v_count - 1);
+      uint32_t i = (uint32_t)((2 * u + 1) * p->height_u_count / (2 * p->u_count));
+      uint32_t j = (uint32_t)((2 * v + 1) * p->height_v_count / (2 * p->v_count));
+      if (i / 8 != at_u || j / 8 != at_v)
+        fetch_block(p->heights, slice, at_u = i / 8, at_v = j / 8, u_block);
+      memcpy(texels[y][x], u_block + (j % 8 * 8 + i % 8) * 4, 4);
+    }
+}
+
+int32_t depth_pages_load(depth_pages *p, uint32_t s_index, uint32_t t_index, uint32_t block_u,
+                         uint32_t block_v) {
+  uint8_t light[9][9][4], heights[9][9][4];
+  slice_index slice = (slice_index)(s_index << 8 | t_index);
+  fetch_texels(p->light, slice, block_u, block_v, p->u_count, p->v_count, light);
+  fetch_heights(p, slice, block_u, block_v, heights);
+  if (p->owners[p->next]) *p->owners[p->next] = PAGE_ABSENT;
+  int32_t begin = (int32_t)(p->next * PAGE_NBYTES);
+  uint8_t *page = p->bytes + begin;
+  for (int y = 0; y < 9; y++)
+    for (int x = 0; x < 9; x++) {
+      const uint8_t *code = light[y][x];
+      uint8_t *texel = page + y * PAGE_ROW_NBYTES + x * 4;
+      texel[0] = p->root[code[0]], texel[1] = p->root[code[1]], texel[2] = p->root[code[2]];
+      texel[3] = heights[y][x][1];
+    }
+  int32_t *place = p->tables[s_index * p->t_count + t_index] + block_v * p->block_u_count + block_u;
+  *place = begin;
+  p->owners[p->next] = place;
+  p->next = (p->next + 1) % p->page_count;
+  return begin;
+}
