@@ -10,7 +10,7 @@ check() {
   if eval "$2"; then echo "ok $count - $1"; else echo "not ok $count - $1"; sed 's/^/# /' "$log"; fi
 }
 bake() { make --no-print-directory bake SCENES=tests/bake "$@" > "$log" 2>&1; }
-echo 1..8
+echo 1..9
 
 # A furnace: 1 in, 1 out, in every sample of every slice. 0.001 is two half-float steps.
 rm -rf build/bake/furnace
@@ -26,6 +26,13 @@ bake SCENE=wrap DECLARE=Light=1 QUALITY=preview
 check "radiosity and photons have their caches" '[ -s build/bake/wrap/light.radiosity ] && [ -s build/bake/wrap/light.photons ]'
 check "matte CSG is found to need one texture" '[ "$(head -n 1 build/bake/wrap/cup/choice)" = "1 1" ]'
 check "shiny CSG is found to need directions" '[ "$(head -n 1 build/bake/wrap/die/choice)" != "1 1" ]'
+# 0.05 is what is asked for unless the scene says otherwise.
+read -r asked _ < build/bake/wrap/die/choice
+rm -rf build/bake/wrap-fine
+bake SCENE=wrap NAME=wrap-fine DECLARE=Slf_Auto_Error=0.02 RAYS=1
+read -r fine _ < build/bake/wrap-fine/die/choice
+echo "# figure: directions of the die for an error of 0.05: $asked, of 0.02: $fine"
+check "a smaller error takes more directions" '[ "$fine" -gt "$asked" ]'
 check "holes of a wrap are counted" 'grep -qE "cup.: [0-9]+ of 512 texels have no surface behind them" "$log"'
 # Another process, the same light: a chunk that is baked again comes out the same.
 cp build/wrap.slf "$log.slf"

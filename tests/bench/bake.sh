@@ -2,11 +2,12 @@
 # Rays a processor second of the bake, everything included (places of rays, cover, cameras, POV-Ray,
 # means, packing), over those of POV-Ray's own perspective render of the same scene with as many rays,
 # both on all processors. Writes build/bench/bake.json:
-#   bake_planar_vs_povray, bake_curved_vs_povray         like with like: from cameras that see the surface
-#                                                        that is baked and little else, in directions as
-#                                                        oblique as a bake's (their mean n is 2/3)
+#   bake_planar_vs_povray, bake_curved_vs_povray         like with like: from three cameras that see nothing
+#                                                        but the surface that is baked, in directions as
+#                                                        oblique as a bake's (their mean n is 2/3), a third
+#                                                        of the rays each
 #   bake_planar_vs_own_camera, bake_curved_vs_own_camera from the scene's own camera, which mostly sees
-#                                                        matte walls, whose rays end there
+#                                                        matte walls, where rays end
 set -eu
 cd "$(dirname "$0")/../.."
 mkdir -p build/bench
@@ -42,22 +43,25 @@ compare() {
     $1 == "surface" { here = $3 == surface }
     here && match($0, /[0-9]+x[0-9]+ texels/) { split(substr($0, RSTART), t, /[x ]/); match($0, /\([0-9]+ slices/)
       print t[1]*t[2], substr($0, RSTART + 1) + 0 }')
-  side=$(calculate "int(sqrt($texels*$slices*$rays))")
+  side=$(calculate "int(sqrt($texels*$slices*$rays/$#))")
   for camera; do theirs=$(calculate "$theirs + $(render "$scene" "$declare" "$side" "$camera")"); done
   own=$(render "$scene" "$declare" "$side" own)
-  echo "$name: $((texels*slices*rays)) rays baked in $ours s; $#x $((side*side)) rendered in $theirs s, of the scene's own camera in $own s" >&2
-  calculate "$#*$side*$side/$theirs" "$side*$side/$own" "$texels*$slices*$rays/$ours" >&2
-  awk -v ours="$ours" -v rays=$((texels*slices*rays)) -v pixels=$((side*side)) -v theirs="$theirs" -v own="$own" -v n=$# \
-    'BEGIN { printf "%.3f %.3f\n", rays/ours/(n*pixels/theirs), rays/ours/(pixels/own) }'
+  awk -v name="$name" -v baked=$((texels*slices*rays)) -v ours="$ours" -v rendered=$((side*side*$#)) -v theirs="$theirs" \
+    -v seen=$((side*side)) -v own="$own" 'BEGIN {
+      printf "%s: %d rays, %.3f us a ray baked; POV-Ray %.3f us from cameras that see the surface, %.3f us from its own\n",
+        name, baked, 1e6*ours/baked, 1e6*theirs/rendered, 1e6*own/seen > "/dev/stderr"
+      printf "%.3f %.3f\n", theirs/rendered/(ours/baked), own/seen/(ours/baked) }'
 }
 
-# The floor from above the middle of the hall; the bottle's body level and from 45 degrees above and below.
+# Of the floor three places that nothing stands on; the bottle's body level and from 45 degrees above and below.
 read -r planar planar_own < <(compare floor floor bench-planar "Mirror=1 Texels=64 Directions=16" 25 \
-  'location <0, 2.9, 0> angle 108 look_at <0, 0, -0.001>')
+  'angle 108 location <-2.6, 1, -2.6> look_at <-2.6, 0, -2.601>' \
+  'angle 108 location <2.6, 1, 2.6> look_at <2.6, 0, 2.599>' \
+  'angle 108 location <-0.5, 1, -2.2> look_at <-0.5, 0, -2.201>')
 read -r curved curved_own < <(compare bottle bottle bench-curved "Texels=32 Directions=8" 25 \
-  'location <-0.9, 0.9, -1.8> angle 33 look_at <0, 0.85, 0>' \
-  'location <-0.75, 2.25, -1.5> angle 25 look_at <-0.2, 1.05, -0.4>' \
-  'location <-0.9, 0.02, -1.8> angle 25 look_at <-0.2, 0.95, -0.4>')
+  'angle 33 location <-0.9, 0.9, -1.8> look_at <0, 0.85, 0>' \
+  'angle 25 location <-0.75, 2.25, -1.5> look_at <-0.2, 1.05, -0.4>' \
+  'angle 25 location <-0.9, 0.02, -1.8> look_at <-0.2, 0.95, -0.4>')
 printf '{\n  "bake_planar_vs_povray": %s,\n  "bake_planar_vs_own_camera": %s,\n  "bake_curved_vs_povray": %s,\n  "bake_curved_vs_own_camera": %s\n}\n' \
   "$planar" "$planar_own" "$curved" "$curved_own" > build/bench/bake.json.part
 mv build/bench/bake.json.part build/bench/bake.json

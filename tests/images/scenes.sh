@@ -1,0 +1,49 @@
+#!/bin/bash
+# Every scene but the floor (floor.sh) against POV-Ray's own renders, at three of its views each. No
+# bake looks at views, and nothing was tuned on these. Small bakes, so that light fields of 8 x 8
+# directions blur what mirrors and glass show; the bounds hold what these bakes gave, less half a dB.
+# scenes.sh [SCENE...]: those scenes only.
+set -u
+size=160x120
+out=build/tap/scenes
+mkdir -p "$out"
+count=0
+white=$out/white.png
+oiiotool --pattern constant:color=1,1,1 "$size" 3 -d uint8 -o "$white"
+
+check() { # WHAT CONDITION: an awk condition
+  count=$((count + 1))
+  if awk "BEGIN { exit !($2) }"; then echo "ok $count - $1"; else echo "not ok $count - $1: $2 is false"; fi
+}
+# measure SCENE VIEW DECLARE: the truth with 2 x 2 rays a pixel, the viewer's picture, and their PSNR
+measure() {
+  local scene=$1 view=$2 pair=$out/$1-$2 declare=()
+  for value in $3; do declare+=("Declare=$value"); done
+  tests/truth "$scene" "$view" $size 2 "$pair-truth.png" "${declare[@]}" &&
+    build/slfview "build/check-$scene.slf" --view "$view" --size $size --samples 2 --backend osmesa --output "$pair.png" &&
+    build/tests/images/compare "$pair-truth.png" "$pair.png" "$white"
+}
+
+wanted=" $* "
+want() { [ "$wanted" = "  " ] || [[ $wanted == *" $1 "* ]]; }
+table() {
+  cat <<END
+box|Texels=64 Directions=8|front 20|left 20|above 20
+cube|Texels=64 Directions=8|front 20|left 20|back 20
+bottle|Texels=64 Directions=8|front 20|side 20|above 20
+pond|Texels=64 Directions=8|shore 20|windows 20|column 20
+gallery|Texels=64 Directions=8|entrance 20|ball 20|sculpture 20
+chess|Texels=64 Directions=8 Most=2|corner 15|pawns 15|side 15
+END
+}
+echo "1..$(table | while IFS='|' read -r scene _; do want "$scene" && echo 3; done | paste -sd+ | bc)"
+while IFS='|' read -r scene declare views; do
+  want "$scene" || continue
+  make --no-print-directory bake "SCENE=$scene" "NAME=check-$scene" "DECLARE=$declare" RAYS=1 > "$out/$scene.log" 2>&1 ||
+    sed 's/^/# /' "$out/$scene.log"
+  while read -r view margin; do
+    read -r psnr _ < <(measure "$scene" "$view" "$declare")
+    echo "# figure: $scene, $view: ${psnr:-none} dB against POV-Ray"
+    check "$scene, $view, agrees with POV-Ray" "${psnr:-0} >= $margin"
+  done < <(tr '|' '\n' <<< "$views")
+done < <(table)
