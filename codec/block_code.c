@@ -72,6 +72,37 @@ static uint16_t head_entry(const huffman_decoder *decoder, uint32_t window) {
   return bits <= FAST_DC_BITS ? (uint16_t)(bits | symbol << 8) : 0;
 }
 
+static uint16_t pass_entry(const block_tables *tables, unsigned state, uint32_t window) {
+  unsigned taken = 0;
+  while (state != PASS_END && taken < PASS_BITS) {
+    unsigned left = PASS_BITS - taken, bits;
+    uint32_t rest = window << (16 - left) & 0xffff;
+    unsigned symbol = huffman_read(&tables->decoders[pass_code(state)], 1, rest, &bits);
+    unsigned size = symbol == SYMBOL_ESCAPE ? 22 : symbol & 15;
+    if (bits == 0 || bits > left) break;
+    if (size == 0 && symbol != SYMBOL_END && symbol != SYMBOL_RUN_16) break;
+    taken += bits + size;
+    state = symbol == SYMBOL_END ? pass_next_channel(state) : state | 1;
+  }
+  return (uint16_t)(taken | state << 5);
+}
+
+static uint8_t bare_heads_entry(const block_tables *tables, uint32_t window) {
+  unsigned taken = 0, count = 0;
+  while (taken < PASS_BITS) {
+    unsigned left = PASS_BITS - taken, bits;
+    uint32_t rest = window << (16 - left) & 0xffff;
+    unsigned symbol = huffman_read(&tables->decoders[CODE_HEAD], 1, rest, &bits);
+    unsigned how = symbol >> 3;
+    if (bits == 0 || bits > left || symbol & 7 || how == PREDICT_INTRA || how == PREDICT_SHIFT ||
+        how >= PREDICTOR_COUNT)
+      break;
+    taken += bits;
+    count++;
+  }
+  return (uint8_t)(taken | count << 4);
+}
+
 void block_tables_make(const block_codes *codes, block_tables *tables) {
   for (int i = 0; i < CODE_COUNT; i++) huffman_make_decoder(&codes->codes[i], &tables->decoders[i]);
   for (uint32_t w = 0; w < 1u << FAST_DC_BITS; w++) {
@@ -82,4 +113,12 @@ void block_tables_make(const block_codes *codes, block_tables *tables) {
     for (int i = 0; i < 8; i++)
       tables->ac[i][w] =
           ac_entry(&tables->decoders[CODE_AC + i], &tables->decoders[CODE_AC + (i | 1)], w);
+  for (uint32_t w = 0; w < 1u << PASS_BITS; w++) {
+    tables->bare_heads[w] = bare_heads_entry(tables, w);
+    for (unsigned i = 0; i < PASS_STATES; i++) tables->pass[i][w] = pass_entry(tables, i, w);
+  }
+  tables->may_lean = false;
+  const huffman_code *heads = &codes->codes[CODE_HEAD];
+  for (int i = 0; i < heads->symbol_count; i++)
+    if (heads->symbols[i] >> 3 == PREDICT_PREVIOUS) tables->may_lean = true;
 }

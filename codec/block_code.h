@@ -83,10 +83,34 @@ static inline int32_t fast_second_level(uint32_t entry) {
   return (int32_t)entry >> 25;
 }
 
+/* To pass over AC levels, only their bits are counted. A state is what of a block is still to come:
+ * residual or not, the channels, the first level of a channel or a later one. An entry: bits 0-4
+ * bits taken by the symbols whose codes PASS_BITS show whole, 0 if there is none; 5-9 the state
+ * behind them. */
+enum { PASS_BITS = 9, PASS_STATES = 20, PASS_END = PASS_STATES, PASS_MAX_TAKEN = 31 };
+static inline unsigned pass_state(int residual, unsigned flags) {
+  static const uint8_t states[2][8] = {{PASS_END, 4, 0, 6, 0, 6, 2, 8},
+                                       {PASS_END, 14, 10, 16, 10, 16, 12, 18}};
+  return states[residual][flags];
+}
+static inline int pass_code(unsigned state) {
+  return ac_code(state >= 10, state % 10 < 4, state & 1);
+}
+/* The state when the channel has ended: luma, luma and chroma: the chroma; two chroma: one. */
+static inline unsigned pass_next_channel(unsigned state) {
+  static const uint8_t next[10] = {PASS_END, PASS_END, 0, 0, PASS_END, PASS_END, 0, 0, 2, 2};
+  unsigned after = next[state % 10];
+  return after == PASS_END ? PASS_END : state / 10 * 10 + after;
+}
+
 typedef struct {
   uint32_t ac[8][1 << FAST_BITS];
   uint32_t dc[4][1 << FAST_DC_BITS];
   uint16_t head[1 << FAST_DC_BITS]; /* bits 0-7 bits taken, 0 if longer; 8-15 the symbol */
+  uint16_t pass[PASS_STATES][1 << PASS_BITS];
+  /* Blocks that are a head and no more: bits 0-3 bits taken, 4-7 how many blocks. */
+  uint8_t bare_heads[1 << PASS_BITS];
+  bool may_lean; /* some block is predicted from the one before it */
   huffman_decoder decoders[CODE_COUNT];
 } block_tables;
 

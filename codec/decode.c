@@ -39,34 +39,34 @@ static inline void begin_at(entry_reader *r, const block_site *site, uint64_t bi
   entry_begin(&r->state);
 }
 
-/* Where the levels that a block leans on begin. */
-typedef struct {
-  uint32_t number;
-  bit_reader reader;
-  int16_t intra_dc[3];
-} anchor_mark;
-
-/* Passes over blocks up to `number`, or if that leans on them, back to the one it stands on. */
-static bool skip_to(entry_reader *r, uint32_t number) {
+/* Passes over blocks up to a block, or if that leans on them, back to the one it stands on. Where
+ * nothing passed over is such a one, it is the block read last, whose levels are at hand. */
+static bool skip_to(entry_reader *r, const block_site *site) {
   const block_tables *tables = r->stream->tables;
-  /* Where nothing passed over is such a one, it is the block read last, whose levels are at hand.
-   */
-  anchor_mark mark = {r->next, r->reader, {0}};
-  memcpy(mark.intra_dc, r->state.intra_dc, sizeof mark.intra_dc);
+  uint32_t number = site->number, place_begin = number - number % site->slice_count;
+  r->has_levels = false;
+  if (!tables->may_lean) place_begin = number;
+  if (r->next < place_begin) {
+    uint32_t count = place_begin - r->next;
+    r->next = place_begin;
+    if (!blocks_pass(tables, &r->reader, &r->state, count)) return false;
+  }
+  entry_reader mark;
+  mark.next = r->next;
+  mark.reader = r->reader;
+  memcpy(mark.state.intra_dc, r->state.intra_dc, sizeof mark.state.intra_dc);
   while (r->next < number) {
-    anchor_mark here = {r->next, r->reader, {0}};
-    memcpy(here.intra_dc, r->state.intra_dc, sizeof here.intra_dc);
-    bool leans;
-    if (!block_skip(tables, &r->reader, &r->state, &leans)) return false;
-    if (!leans) mark = here;
+    if (!blocks_pass(tables, &r->reader, &r->state, 1)) return false;
     r->next++;
-    r->has_levels = false;
+    if (block_leans_on_previous(tables, &r->reader)) continue;
+    mark.next = r->next;
+    mark.reader = r->reader;
+    memcpy(mark.state.intra_dc, r->state.intra_dc, sizeof mark.state.intra_dc);
   }
-  if (block_leans_on_previous(tables, &r->reader)) {
-    r->next = mark.number;
-    r->reader = mark.reader;
-    memcpy(r->state.intra_dc, mark.intra_dc, sizeof mark.intra_dc);
-  }
+  if (mark.next == r->next) return true;
+  r->next = mark.next;
+  r->reader = mark.reader;
+  memcpy(r->state.intra_dc, mark.state.intra_dc, sizeof mark.state.intra_dc);
   return true;
 }
 
@@ -74,7 +74,7 @@ static bool skip_to(entry_reader *r, uint32_t number) {
 static inline void read_up_to(entry_reader *r, const block_site *site) {
   /* One block on, with its predecessor's levels at hand: just read it. */
   if (!(r->has_levels || site->number == 0) || r->next != site->number) {
-    if (!skip_to(r, site->number)) {
+    if (!skip_to(r, site)) {
       r->stream = NULL;
       memset(r->state.levels, 0, sizeof r->state.levels);
       return;

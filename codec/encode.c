@@ -12,6 +12,7 @@
 #include <stdlib.h>
 
 enum {
+  MAX_STEP = 3900,
   ENTRY_BITS = 200,      /* an entry's bits are worth its index: 10 of them */
   SAMPLED_UNITS = 24,    /* the codes are made from places of so many units, */
   SAMPLED_PLACES = 3072, /* so many places in all, */
@@ -48,17 +49,18 @@ typedef struct {
  * without prediction are whole, so that a slice can leave as a JPEG with the same coefficients. */
 static void make_steps(layer_encoder *e) {
   static const double channel_scale[3] = {1.0, 0.96, 1.10};
-  bool whole = e->layer.public.angular == SLF_ANGULAR_NONE;
   double unit = e->layer.public.curve == SLF_CURVE_DWA ? DWA_SCALE / 255.0 : 1;
   double base = unit * exp2((100 - e->layer.public.quality) / 8.0);
+  for (int channel = 0; channel < 3; channel++) {
+    double step = fmin(base * channel_scale[channel], MAX_STEP) * STEP_ONE;
+    step_line *line = &e->layer.step_lines[channel];
+    line->first = (uint32_t)fmax(STEP_ONE, floor(0.95 * step + 0.5));
+    line->slope = (uint32_t)floor(0.007 * step * 16 + 0.5);
+  }
+  layer_make_steps(&e->layer);
   for (int channel = 0; channel < 3; channel++)
-    for (int i = 0; i < COEFFICIENTS; i++) {
-      double step = base * channel_scale[channel] * (0.95 + 0.007 * (i / 8 + i % 8));
-      double sixteenths = floor(whole ? floor(step + 0.5) * STEP_ONE : step * STEP_ONE + 0.5);
-      sixteenths = fmax(STEP_ONE, fmin(4000.0 * STEP_ONE, sixteenths));
-      e->layer.steps[channel][i] = (uint16_t)sixteenths;
-      e->steps[channel][i] = (float)(sixteenths / STEP_ONE);
-    }
+    for (int i = 0; i < COEFFICIENTS; i++)
+      e->steps[channel][i] = (float)e->layer.steps[channel][i] / STEP_ONE;
   /* What many blocks lean on is worth eight times finer steps, and a key twice, as long as the
    * levels fit in 16 bits: a coefficient is at most 8 codes' range. */
   double range = e->layer.public.curve == SLF_CURVE_DWA ? DWA_CODES : 256;
@@ -177,7 +179,10 @@ static void put_block(const symbol_sink *sink, const block_choice *b, place_stat
     if (!residual) state->intra_dc[channel] = levels[0];
     put_symbol(sink, dc_code(residual, channel > 0), level_size(dc));
     put_magnitude(sink, dc, level_size(dc));
-    if (!coded) continue;
+  }
+  for (int channel = 0; channel < 3; channel++) {
+    const int16_t *levels = b->levels[channel];
+    if (!(b->flags >> channel & 1)) continue;
     int code = ac_code(residual, channel > 0, 0);
     unsigned run = 0;
     for (int k = 1; k < COEFFICIENTS; k++) {
@@ -770,9 +775,10 @@ static slf_result put_header(const layer_state *layer, encoded_layer *encoded, c
   put_f32(b + 20, p->quality);
   put_f32(b + 24, p->psnr);
   put_f32(b + 28, p->height_unit);
-  for (int channel = 0; channel < 3; channel++)
-    for (int k = 0; k < COEFFICIENTS; k++)
-      put_u16(b + 32 + 2 * (channel * COEFFICIENTS + k), layer->steps[channel][slf_zigzag[k]]);
+  for (int channel = 0; channel < 3; channel++) {
+    put_u16(b + 32 + 4 * channel, layer->step_lines[channel].first);
+    put_u16(b + 34 + 4 * channel, layer->step_lines[channel].slope);
+  }
   uint8_t *at = b + LAYER_FIXED_NBYTES;
   for (int kind = 0; kind < STREAM_COUNT; kind++) {
     if (!layer_has(layer, kind)) continue;

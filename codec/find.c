@@ -2,6 +2,9 @@
 #include "codec/kernel.h"
 
 #include <inttypes.h>
+#ifdef __BMI2__
+#include <immintrin.h>
+#endif
 
 /* ---- Reading ------------------------------------------------------------------------------- */
 
@@ -33,16 +36,22 @@ static bool find_segment(const block_stream *stream, uint64_t index, segment *s)
   return s->low_bits <= 32 && 2 + low_nbytes(s) + s->high_nbytes <= end - s->begin;
 }
 
+static inline uint32_t select_in_word(uint64_t word, uint32_t rank) {
+#ifdef __BMI2__
+  return (uint32_t)__builtin_ctzll(_pdep_u64(1ull << rank, word));
+#else
+  while (rank--) word &= word - 1;
+  return (uint32_t)__builtin_ctzll(word);
+#endif
+}
+
 /* Position of the one-bit number `rank` (from 0) in nbytes of bits, or 8 * nbytes. Loads of 8 bytes
  * may run over the end by as much: the stream's padding is there for it. */
 static uint32_t select_bit(const uint8_t *bytes, uint32_t nbytes, uint32_t rank) {
   for (uint32_t at = 0; at < nbytes; at += 8) {
     uint64_t word = get_u64(bytes + at);
     uint32_t ones = (uint32_t)__builtin_popcountll(word);
-    if (rank < ones) {
-      while (rank--) word &= word - 1;
-      return at * 8 + (uint32_t)__builtin_ctzll(word);
-    }
+    if (rank < ones) return at * 8 + select_in_word(word, rank);
     rank -= ones;
   }
   return nbytes * 8;

@@ -7,7 +7,7 @@
 #include <string.h>
 
 enum {
-  VERSION_MAJOR = 2,
+  VERSION_MAJOR = 3,
   VERSION_MINOR = 0,
   HEADER_NBYTES = 32,
   CHUNK_ENTRY_NBYTES = 32,

@@ -41,8 +41,7 @@ void stream_prefetch_segment(const block_stream *stream, uint64_t entry);
  * repeat: loads stay inside the stream's padding, and a C-Block that runs there is damaged and
  * comes out as some levels. */
 typedef struct {
-  uint64_t bits;
-  int count;
+  uint64_t bits, count;
   const uint8_t *next, *last;
 } bit_reader;
 
@@ -55,10 +54,10 @@ void reader_begin(bit_reader *reader, const block_stream *blocks, uint64_t bit);
 bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t number, bool first,
                  entry_state *state);
 
-/* Passes over it: of state only intra_dc goes on. */
-#define block_skip KERNEL(block_skip)
-bool block_skip(const block_tables *tables, bit_reader *reader, entry_state *state,
-                bool *leans_on_previous);
+/* Passes over `count` of them: of state only intra_dc goes on. */
+#define blocks_pass KERNEL(blocks_pass)
+bool blocks_pass(const block_tables *tables, bit_reader *reader, entry_state *state,
+                 uint32_t count);
 
 /* Whether the next C-Block is predicted from the one before it. */
 #define block_leans_on_previous KERNEL(block_leans_on_previous)

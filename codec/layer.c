@@ -75,6 +75,21 @@ slf_result layer_make_units(layer_state *layer, const char *name, slf_error *err
   return SLF_OK;
 }
 
+bool layer_make_steps(layer_state *layer) {
+  bool whole = layer->public.angular == SLF_ANGULAR_NONE;
+  for (int channel = 0; channel < 3; channel++) {
+    step_line line = layer->step_lines[channel];
+    if (line.first < STEP_ONE || line.first + line.slope * 14 / 16 > UINT16_MAX - STEP_ONE)
+      return false;
+    for (uint32_t i = 0; i < COEFFICIENTS; i++) {
+      uint32_t step = line.first + line.slope * (i / 8 + i % 8) / 16;
+      if (whole) step = (step + STEP_ONE / 2) / STEP_ONE * STEP_ONE;
+      layer->steps[channel][i] = (uint16_t)step;
+    }
+  }
+  return true;
+}
+
 void layer_make_scales(layer_state *layer) {
   for (int channel = 0; channel < 3; channel++)
     for (int i = 0; i < COEFFICIENTS; i++)

@@ -8,7 +8,7 @@
 enum {
   STEP_ONE = 16, /* steps are stored in sixteenths */
   MAX_GAIN = 8,  /* fine levels in a level: the base and the keys are finer than the rest */
-  LAYER_FIXED_NBYTES = 32 + 3 * COEFFICIENTS * 2,
+  LAYER_FIXED_NBYTES = 32 + 3 * 4,
   STREAM_HEADER_NBYTES = 12,
   MAX_RUN_LOG2 = 6,
   GROUP_SIDE = 4, /* directions along a side of the group that shares a key */
@@ -32,6 +32,12 @@ typedef struct {
   block_tables *tables; /* NULL: the layer has no such stream */
 } layer_stream;
 
+/* The steps of a channel: a line over the sum of the frequencies. */
+typedef struct {
+  uint32_t first; /* in sixteenths, at least STEP_ONE */
+  uint32_t slope; /* in sixteenths of a sixteenth */
+} step_line;
+
 /* The slices of a quad in the order of their C-Blocks, a round trip: each is next to the one
  * before. */
 static inline unsigned quad_place(uint32_t s, uint32_t t) {
@@ -43,6 +49,7 @@ typedef struct kernel kernel;
 typedef struct {
   slf_layer public;
   const kernel *kernel;
+  step_line step_lines[3];
   uint16_t steps[3][COEFFICIENTS]; /* column-major */
   float scales[3][COEFFICIENTS];   /* of a fine level: steps and AAN's factors */
   float level_shift;               /* what luma's codes are coded around */
@@ -86,6 +93,7 @@ slf_result layer_make_units(layer_state *layer, const char *name, slf_error *err
 void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2);
 void layer_set_curve(layer_state *layer); /* level_shift, from public's curve */
 slf_result layer_make_linear(layer_state *layer, const char *name, slf_error *error);
+bool layer_make_steps(layer_state *layer);  /* from their lines; false if one is out of range */
 void layer_make_scales(layer_state *layer); /* from steps and gains */
 slf_result layer_make_base(layer_state *layer, const char *name, slf_error *error);
 void layer_free(layer_state *layer);

@@ -16,13 +16,13 @@ static inline uint64_t load_be64(const uint8_t *p) {
 static inline void refill(bit_reader *r) {
   r->next = r->next < r->last ? r->next : r->last;
   r->bits |= load_be64(r->next) >> r->count;
-  r->next += (63 - r->count) >> 3;
+  r->next += (63 ^ r->count) >> 3;
   r->count |= 56;
 }
 
 static inline void consume(bit_reader *r, unsigned count) {
   r->bits <<= count;
-  r->count -= (int)count;
+  r->count -= count;
 }
 
 static inline uint32_t top_bits(uint64_t bits, unsigned count) {
@@ -56,25 +56,42 @@ static inline unsigned read_symbol(const huffman_decoder *decoder, bit_reader *r
   return symbol;
 }
 
-static inline bool parse_dc(const block_tables *tables, int code, bit_reader *r, int32_t *level) {
+/* What the tables do not hold takes a copy of the reader: the reader itself then stays in
+ * registers.
+ */
+static __attribute__((noinline)) bool parse_long_dc(const huffman_decoder *decoder, bit_reader *r,
+                                                    int32_t *level) {
+  refill(r);
+  unsigned bits, size = read_symbol(decoder, r, &bits);
+  if (bits == 0 || size > 15) return false;
+  *level = extend(take(r, size), size);
+  refill(r);
+  return true;
+}
+
+static inline __attribute__((always_inline)) bool parse_dc(const block_tables *tables, int code,
+                                                           bit_reader *r, int32_t *level) {
   uint32_t entry = tables->dc[code - CODE_DC][r->bits >> (64 - FAST_DC_BITS)];
   if (__builtin_expect(fast_taken(entry) != 0, 1)) {
     consume(r, fast_taken(entry));
     *level = (int32_t)entry >> 16;
     return true;
   }
-  unsigned bits, size = read_symbol(&tables->decoders[code], r, &bits);
-  if (bits == 0 || size > 15) return false;
-  *level = extend(take(r, size), size);
-  return true;
+  bit_reader copy = *r;
+  int32_t found = 0;
+  bool good = parse_long_dc(&tables->decoders[code], &copy, &found);
+  *level = found;
+  *r = copy;
+  return good;
 }
 
-/* A symbol that no table entry holds; refilled before. False if the channel cannot go on. */
+/* A symbol that no table entry holds. False if the channel cannot go on. */
 static __attribute__((noinline)) bool parse_long(const huffman_decoder *decoder, bit_reader *r,
-                                                 bool skips, unsigned *k, int16_t *levels,
-                                                 bool *end) {
+                                                 unsigned *k, int16_t *levels, bool *end) {
+  refill(r);
   unsigned bits, symbol = read_symbol(decoder, r, &bits), size = symbol & 15;
   int32_t level = 0;
+  *end = false;
   if (bits == 0) return false;
   if (symbol == SYMBOL_END) {
     *end = true;
@@ -91,29 +108,31 @@ static __attribute__((noinline)) bool parse_long(const huffman_decoder *decoder,
   } else {
     return false;
   }
-  if (!skips) add_level(&levels[slf_zigzag[*k]], level);
+  add_level(&levels[slf_zigzag[*k]], level);
   return true;
 }
 
-/* A channel's AC levels; levels are added, or where `skips` is set, passed over. */
-static inline __attribute__((always_inline)) bool
-parse_ac(const block_tables *tables, int code, bit_reader *r, bool skips, int16_t *levels) {
+/* A channel's AC levels, added to what is there. */
+static inline __attribute__((always_inline)) bool parse_ac(const block_tables *tables, int code,
+                                                           bit_reader *r, int16_t *levels) {
   const uint32_t *table = tables->ac[code - CODE_AC];
   unsigned k = 0;
   for (;;) {
     if (__builtin_expect(r->count < FAST_BITS, 0)) refill(r);
     uint32_t entry = table[r->bits >> (64 - FAST_BITS)];
     if (__builtin_expect(fast_taken(entry) == 0, 0)) {
-      bool end = false;
-      refill(r);
-      if (!parse_long(&tables->decoders[code], r, skips, &k, levels, &end)) return false;
-      if (end) return true;
+      bit_reader copy = *r;
+      unsigned at = k;
+      bool end, good = parse_long(&tables->decoders[code], &copy, &at, levels, &end);
+      *r = copy;
+      k = at;
+      if (!good || end) return good;
     } else {
       consume(r, fast_taken(entry));
       k += fast_step(entry);
-      if (!skips) add_level(&levels[slf_zigzag[k]], fast_level(entry));
+      add_level(&levels[slf_zigzag[k]], fast_level(entry));
       k += fast_second_step(entry);
-      if (!skips) add_level(&levels[slf_zigzag[k]], fast_second_level(entry));
+      add_level(&levels[slf_zigzag[k]], fast_second_level(entry));
       if (entry & FAST_END) return true;
     }
     if (__builtin_expect(k >= COEFFICIENTS, 0)) return false;
@@ -122,41 +141,96 @@ parse_ac(const block_tables *tables, int code, bit_reader *r, bool skips, int16_
   }
 }
 
-static inline bool parse_head(const block_tables *tables, bit_reader *r, unsigned *head) {
+/* One symbol that PASS_BITS do not show whole. False if it is none. */
+static __attribute__((noinline)) bool pass_long(const block_tables *tables, unsigned *state,
+                                                bit_reader *r) {
+  refill(r);
+  unsigned bits, symbol = read_symbol(&tables->decoders[pass_code(*state)], r, &bits);
+  unsigned size = symbol == SYMBOL_ESCAPE ? 22 : symbol & 15;
+  consume(r, size);
+  *state = symbol == SYMBOL_END ? pass_next_channel(*state) : *state | 1;
+  return bits != 0 && (size != 0 || symbol == SYMBOL_END || symbol == SYMBOL_RUN_16);
+}
+
+/* Passes over AC levels from `state` on: in three channels at most 64 symbols each. */
+static inline __attribute__((always_inline)) bool pass_ac(const block_tables *tables,
+                                                          unsigned state, bit_reader *r) {
+  for (unsigned left = 3 * COEFFICIENTS; state != PASS_END; left--) {
+    if (__builtin_expect(left == 0, 0)) return false;
+    if (__builtin_expect(r->count < PASS_MAX_TAKEN, 0)) refill(r);
+    unsigned entry = tables->pass[state][r->bits >> (64 - PASS_BITS)];
+    if (__builtin_expect((entry & 31) != 0, 1)) {
+      consume(r, entry & 31);
+      state = entry >> 5;
+      continue;
+    }
+    bit_reader copy = *r;
+    unsigned next = state;
+    if (!pass_long(tables, &next, &copy)) return false;
+    state = next;
+    *r = copy;
+  }
+  return true;
+}
+
+static inline __attribute__((always_inline)) bool parse_head(const block_tables *tables,
+                                                             bit_reader *r, unsigned *head) {
   refill(r);
   unsigned entry = tables->head[r->bits >> (64 - FAST_DC_BITS)], bits = entry & 255;
   *head = entry >> 8;
-  if (bits)
+  if (__builtin_expect(bits != 0, 1))
     consume(r, bits);
   else
     *head = read_symbol(&tables->decoders[CODE_HEAD], r, &bits);
   return bits != 0 && *head >> 3 < PREDICTOR_COUNT;
 }
 
-/* Shifts are coded as -16 .. 15, plus 16. */
-static bool parse_shift(const block_tables *tables, bit_reader *r, int *shift) {
-  unsigned bits, symbol = read_symbol(&tables->decoders[CODE_SHIFT], r, &bits);
-  *shift = (int)symbol - 16;
-  return bits != 0 && symbol < 32;
+/* Two shifts, coded as -16 .. 15, plus 16. */
+static __attribute__((noinline)) bool parse_long_shifts(const huffman_decoder *decoder,
+                                                        bit_reader *r, int *shift_u, int *shift_v) {
+  unsigned bits_u, bits_v;
+  unsigned u = read_symbol(decoder, r, &bits_u), v = read_symbol(decoder, r, &bits_v);
+  refill(r);
+  *shift_u = (int)u - 16;
+  *shift_v = (int)v - 16;
+  return bits_u != 0 && bits_v != 0 && u < 32 && v < 32;
+}
+
+static inline bool parse_shifts(const block_tables *tables, bit_reader *r, int *shift_u,
+                                int *shift_v) {
+  bit_reader copy = *r;
+  bool good = parse_long_shifts(&tables->decoders[CODE_SHIFT], &copy, shift_u, shift_v);
+  *r = copy;
+  return good;
+}
+
+/* The DC levels, short codes as a rule: a head's 16 bits and three of them need no refill. Of INTRA
+ * blocks they go on from the last one's. */
+static inline __attribute__((always_inline)) bool parse_dcs(const block_tables *tables,
+                                                            int residual, unsigned head,
+                                                            bit_reader *r, int16_t intra_dc[3],
+                                                            int32_t dc[3]) {
+#pragma GCC unroll 3
+  for (int channel = 0; channel < 3; channel++) {
+    dc[channel] = 0;
+    if (residual && !(head >> channel & 1)) continue;
+    if (!parse_dc(tables, dc_code(residual, channel > 0), r, &dc[channel])) return false;
+    if (residual) continue;
+    add_level(&intra_dc[channel], dc[channel]);
+    dc[channel] = intra_dc[channel];
+  }
+  return true;
 }
 
 static inline __attribute__((always_inline)) bool parse_levels(const block_tables *tables,
-                                                               unsigned head, bit_reader *r,
-                                                               bool skips, entry_state *state) {
-  int residual = head >> 3 != PREDICT_INTRA;
+                                                               int residual, unsigned head,
+                                                               bit_reader *r, entry_state *state) {
+  int32_t dc[3];
+  if (!parse_dcs(tables, residual, head, r, state->intra_dc, dc)) return false;
   for (int channel = 0; channel < 3; channel++) {
-    bool coded = head >> channel & 1;
-    if (residual && !coded) continue;
-    int32_t dc;
-    refill(r);
-    if (!parse_dc(tables, dc_code(residual, channel > 0), r, &dc)) return false;
-    if (!residual) {
-      add_level(&state->intra_dc[channel], dc);
-      dc = state->intra_dc[channel];
-    }
-    if (!skips) add_level(&state->levels[channel][0], dc);
+    add_level(&state->levels[channel][0], dc[channel]);
     int code = ac_code(residual, channel > 0, 0);
-    if (coded && !parse_ac(tables, code, r, skips, state->levels[channel])) return false;
+    if (head >> channel & 1 && !parse_ac(tables, code, r, state->levels[channel])) return false;
   }
   return true;
 }
@@ -191,28 +265,49 @@ bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t number
     state->predictor = head >> 3;
     state->anchor = number;
     if (head >> 3 == PREDICT_SHIFT)
-      good = parse_shift(tables, &r, &state->shift_u) && parse_shift(tables, &r, &state->shift_v);
+      good = parse_shifts(tables, &r, &state->shift_u, &state->shift_v);
   } else if (first) {
     good = false;
     clear_levels(state);
   }
   state->ac_flags |= head & 7;
-  good = good && parse_levels(tables, head, &r, false, state);
+  good = good && parse_levels(tables, head >> 3 != PREDICT_INTRA, head, &r, state);
   reader_update(reader, &r);
   return good;
 }
 
-bool block_skip(const block_tables *tables, bit_reader *reader, entry_state *state,
-                bool *leans_on_previous) {
+static inline __attribute__((always_inline)) bool pass_levels(const block_tables *tables,
+                                                              int residual, unsigned head,
+                                                              bit_reader *r, int16_t intra_dc[3]) {
+  int32_t dc[3];
+  return parse_dcs(tables, residual, head, r, intra_dc, dc) &&
+         pass_ac(tables, pass_state(residual, head & 7), r);
+}
+
+bool blocks_pass(const block_tables *tables, bit_reader *reader, entry_state *state,
+                 uint32_t count) {
   bit_reader r = reader_copy(reader);
-  unsigned head;
-  int shift;
-  bool good = parse_head(tables, &r, &head);
-  *leans_on_previous = head >> 3 == PREDICT_PREVIOUS;
-  if (good && head >> 3 == PREDICT_SHIFT)
-    good = parse_shift(tables, &r, &shift) && parse_shift(tables, &r, &shift);
-  good = good && parse_levels(tables, head, &r, true, state);
+  int16_t intra_dc[3] = {state->intra_dc[0], state->intra_dc[1], state->intra_dc[2]};
+  bool good = true;
+  while (count && good) {
+    unsigned bare = tables->bare_heads[r.bits >> (64 - PASS_BITS)];
+    if (bare && bare >> 4 <= count && r.count >= PASS_BITS) {
+      consume(&r, bare & 15);
+      count -= bare >> 4;
+      continue;
+    }
+    unsigned head;
+    int shift_u, shift_v;
+    good = parse_head(tables, &r, &head);
+    if (good && head >> 3 == PREDICT_SHIFT) good = parse_shifts(tables, &r, &shift_u, &shift_v);
+    if (head >> 3 == PREDICT_INTRA)
+      good = good && pass_levels(tables, 0, head, &r, intra_dc);
+    else
+      good = good && pass_levels(tables, 1, head, &r, intra_dc);
+    count--;
+  }
   reader_update(reader, &r);
+  memcpy(state->intra_dc, intra_dc, sizeof intra_dc);
   return good;
 }
 

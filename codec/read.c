@@ -250,12 +250,10 @@ static slf_result read_fixed(layer_reader *r, slf_error *error) {
     return slf_fail(error, SLF_ERROR_FORMAT, "%s: %ux%u texels, %ux%u directions", r->name,
                     p->u_count, p->v_count, p->s_count, p->t_count);
   for (int channel = 0; channel < 3; channel++)
-    for (int k = 0; k < COEFFICIENTS; k++) {
-      uint32_t step = get_u16(b + 32 + 2 * (channel * COEFFICIENTS + k));
-      if (step < STEP_ONE)
-        return slf_fail(error, SLF_ERROR_FORMAT, "%s: a step of %u sixteenths", r->name, step);
-      r->state->steps[channel][slf_zigzag[k]] = (uint16_t)step;
-    }
+    r->state->step_lines[channel] =
+        (step_line){get_u16(b + 32 + 4 * channel), get_u16(b + 34 + 4 * channel)};
+  if (!layer_make_steps(r->state))
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: steps are out of range", r->name);
   layer_set_curve(r->state);
   r->at += LAYER_FIXED_NBYTES;
   return SLF_OK;

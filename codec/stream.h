@@ -9,7 +9,7 @@
 #include "codec/format.h"
 
 enum {
-  SEGMENT_ENTRIES = 256,
+  SEGMENT_ENTRIES = 128,
   DIRECTORY_ENTRY_NBYTES = 6,
   STREAM_PAD_NBYTES = 16 /* zeros at the end, so that a reader may load 8 bytes anywhere before */
 };
