@@ -10,8 +10,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
+#include "tests/bench/figures.h"
 #include "viewer/block_cache.h"
 #include "viewer/texture.h"
 
@@ -97,45 +97,22 @@ static void close_scene(scene *x) {
   block_cache_free(x->cache);
 }
 
-static double now_ns(void) {
-  struct timespec t;
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t); /* others may share the processor */
-  return (double)t.tv_sec * 1e9 + (double)t.tv_nsec;
-}
-
 /* Makes all textures for a view and says how long it took. */
 static double frame_ns(scene *x, const slf_view *view, size_t *texels) {
   camera c = camera_of_view(view, 4, 3);
-  double start = now_ns();
+  double start_s = clock_s(CLOCK_THREAD_CPUTIME_ID); /* others may share the processor */
   if (x->cache) block_cache_begin_frame(x->cache);
   *texels = 0;
   for (uint32_t i = 0; i < x->count; i++) {
     texture_update(&x->textures[i], &c, (direction_bend){0});
     *texels += 64 * (size_t)x->textures[i].made_count;
   }
-  return now_ns() - start;
-}
-
-static int by_value(const void *a, const void *b) {
-  double x = *(const double *)a, y = *(const double *)b;
-  return (x > y) - (x < y);
-}
-
-static double median(double *values, size_t count) {
-  qsort(values, count, sizeof *values, by_value);
-  return values[count / 2];
+  return 1e9 * (clock_s(CLOCK_THREAD_CPUTIME_ID) - start_s);
 }
 
 /* A step of half a degree about what the view looks at. */
 static void step(slf_view *view) {
   view_orbit(view, 0.5f * (float)M_PI / 180, 0);
-}
-
-static bool first = true;
-
-static void print(const char *key, const char *name, double value) {
-  printf("%s\n  \"%s_%s\": %.4g", first ? "{" : ",", key, name, value);
-  first = false;
 }
 
 /* Frames of `x` against frames of `plain`, one view, `cold` with an emptied cache each time. */
@@ -174,13 +151,13 @@ static void bench(const slf_file *file, const char *name) {
     fprintf(stderr, "viewer: %s: out of memory\n", name);
     exit(1);
   }
-  print("warm_vs_uncompressed", name, still_ratio(&warm, &plain, &view, false));
-  print("cold_vs_uncompressed", name, still_ratio(&warm, &plain, &view, true));
+  print_figure("warm_vs_uncompressed", name, still_ratio(&warm, &plain, &view, false));
+  print_figure("cold_vs_uncompressed", name, still_ratio(&warm, &plain, &view, true));
   static const size_t capacities[] = {10000, 1000, 100, 10, 4, 1, 0};
   for (size_t i = 0; i < sizeof capacities / sizeof *capacities; i++) {
     open_scene(&small, file, &plain, capacities[i]);
     snprintf(key, sizeof key, "cache%zu_vs_uncompressed", capacities[i]);
-    print(key, name, still_ratio(&small, &plain, &view, false));
+    print_figure(key, name, still_ratio(&small, &plain, &view, false));
     /* Against the same frame by a cache that holds all of it, emptied before. */
     double ratios[ROUNDS];
     for (int k = 0; k < ROUNDS; k++) {
@@ -189,9 +166,9 @@ static void bench(const slf_file *file, const char *name) {
       ratios[k] = frame_ns(&small, &view, &texels) / cold;
     }
     snprintf(key, sizeof key, "cache%zu_vs_cold", capacities[i]);
-    print(key, name, median(ratios, ROUNDS));
+    print_figure(key, name, median(ratios, ROUNDS));
     snprintf(key, sizeof key, "decompressions_per_block_cache%zu", capacities[i]);
-    print(key, name, decompressions_per_block(&small, &view));
+    print_figure(key, name, decompressions_per_block(&small, &view));
     close_scene(&small);
   }
   /* A flight of half degrees: at first the cache is empty, so every block is new once; when the
@@ -216,21 +193,21 @@ static void bench(const slf_file *file, const char *name) {
       decompressions += block_cache_get_counts(warm.cache)->frame_decompressions;
     }
   }
-  print("moving_vs_uncompressed", name, ours[0] / theirs[0]);
-  print("moving_warm_vs_uncompressed", name, ours[1] / theirs[1]);
-  print("resample_ns_per_texel_moving", name, ours[0] / texel_sum);
-  print("uncompressed_ns_per_texel_moving", name, theirs[0] / texel_sum);
-  print("decompressions_per_frame_moving", name, (double)decompressions / MOVING_FRAMES);
+  print_figure("moving_vs_uncompressed", name, ours[0] / theirs[0]);
+  print_figure("moving_warm_vs_uncompressed", name, ours[1] / theirs[1]);
+  print_figure("resample_ns_per_texel_moving", name, ours[0] / texel_sum);
+  print_figure("uncompressed_ns_per_texel_moving", name, theirs[0] / texel_sum);
+  print_figure("decompressions_per_frame_moving", name, (double)decompressions / MOVING_FRAMES);
   double still[ROUNDS];
   frame_ns(&warm, &view, &texels);
   for (int i = 0; i < ROUNDS; i++) still[i] = frame_ns(&warm, &view, &texels);
-  print("frame_ms_warm", name, median(still, ROUNDS) / 1e6);
+  print_figure("frame_ms_warm", name, median(still, ROUNDS) / 1e6);
   for (int i = 0; i < ROUNDS; i++) still[i] = frame_ns(&plain, &view, &texels);
-  print("uncompressed_frame_ms_warm", name, median(still, ROUNDS) / 1e6);
-  print("frame_ms_moving", name, median(our_frames, MOVING_FRAMES) / 1e6);
-  print("uncompressed_frame_ms_moving", name, median(their_frames, MOVING_FRAMES) / 1e6);
-  print("texels_per_frame", name, (double)texels);
-  print("blocks_per_frame", name, (double)block_cache_get_counts(warm.cache)->frame_lookups);
+  print_figure("uncompressed_frame_ms_warm", name, median(still, ROUNDS) / 1e6);
+  print_figure("frame_ms_moving", name, median(our_frames, MOVING_FRAMES) / 1e6);
+  print_figure("uncompressed_frame_ms_moving", name, median(their_frames, MOVING_FRAMES) / 1e6);
+  print_figure("texels_per_frame", name, (double)texels);
+  print_figure("blocks_per_frame", name, (double)block_cache_get_counts(warm.cache)->frame_lookups);
   close_scene(&warm);
   close_scene(&plain);
 }
@@ -254,6 +231,6 @@ int main(int argc, char **argv) {
     bench(file, name);
     slf_close(file);
   }
-  puts("\n}");
+  end_figures();
   return 0;
 }
