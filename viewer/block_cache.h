@@ -53,6 +53,18 @@ block_source block_cache_layer(block_cache *cache, uint32_t surface_index, uint3
 block_source block_cache_level(block_cache *cache, uint32_t surface_index, uint32_t layer_index,
                                uint32_t level);
 
+/* Decompressing ahead, on several threads: blocks are announced, those that are missing are noted,
+ * and then decompressed all at once. `context` is that of a source of this cache. The first
+ * fetch of a block decompressed ahead is no hit: the counts, too, are those of fetches alone. What
+ * is announced beyond a quarter of the capacity is left to the fetches, so that nothing is evicted
+ * unused. Each block is announced once before they are decompressed. */
+void block_cache_announce(void *context, uint32_t block_u, uint32_t block_v,
+                          const slice_index *slices, size_t count);
+/* The share of the announced blocks that are missing; forgets them. */
+double block_cache_forget_announced(block_cache *cache);
+/* Not while blocks that were fetched are in use. */
+void block_cache_decompress_announced(block_cache *cache, uint32_t thread_count);
+
 const block_cache_counts *block_cache_get_counts(const block_cache *cache);
 size_t block_cache_resident(const block_cache *cache); /* blocks held, pinned ones included */
 size_t block_cache_nbytes(const block_cache *cache);   /* memory, tables included */

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "gl_api.h"
 #include "half.h"
@@ -305,6 +306,8 @@ static bool create_surface(drawing *d, uint32_t index) {
     if (!texture_create(&layer->four_tap, &surface->mesh, shape, source_of(d, index, k),
                         d->options.dice_px))
       return false;
+    if (!d->options.source)
+      texture_decode_ahead(&layer->four_tap, d->cache, (uint32_t)sysconf(_SC_NPROCESSORS_ONLN));
     if (has_depth(surface, k, scale) && !create_by_depth(d, index, k, scale)) return false;
     choose_texture(d, index, k);
   }

@@ -155,16 +155,20 @@ INLINE uint8_t number_slice(resampler *r, slice_index *slices, size_t *count, ui
   return (uint8_t)n->number;
 }
 
-static void find_taps(resampler *r, uint32_t block_u, uint32_t block_v, pending_block *p) {
+/* What the texels of a block read: slices, and which of them each cell mixes. */
+typedef struct {
   slice_index slices[BLOCK_MAX_SLICES];
-  const uint8_t *u_blocks[BLOCK_MAX_SLICES];
+  size_t slice_count;
   uint8_t tap_slices[64][4];
-  size_t slice_count = 0;
-  uint32_t cell_count = 0;
+  uint32_t cell_count;
+} block_slices;
+
+/* p->mask is not empty. */
+static void find_slices(resampler *r, pending_block *p, block_slices *b) {
+  b->slice_count = b->cell_count = 0;
   /* A light field of one direction along an axis has its second tap in the first. */
   uint32_t next_i = r->s_count > 1, next_j = r->t_count > 1;
 
-  if (p->mask == 0) return;
   if (~p->mask) skip_unwanted(p);
   if (++r->stamp == 0) { /* once in 2^32 blocks */
     memset(r->cells, 0, (size_t)r->most_s_count * r->most_t_count * sizeof *r->cells);
@@ -177,22 +181,29 @@ static void find_taps(resampler *r, uint32_t block_u, uint32_t block_v, pending_
     uint32_t cell = p->cell[__builtin_ctzll(starts)];
     note *n = &r->cells[cell];
     if (n->stamp != r->stamp) {
-      *n = (note){.stamp = r->stamp, .number = cell_count};
+      *n = (note){.stamp = r->stamp, .number = b->cell_count};
       uint32_t i = cell / r->t_count, j = cell % r->t_count;
-      uint8_t *tap = tap_slices[cell_count++];
-      tap[0] = number_slice(r, slices, &slice_count, i, j);
-      tap[1] = number_slice(r, slices, &slice_count, i + next_i, j);
-      tap[2] = number_slice(r, slices, &slice_count, i, j + next_j);
-      tap[3] = number_slice(r, slices, &slice_count, i + next_i, j + next_j);
+      uint8_t *tap = b->tap_slices[b->cell_count++];
+      tap[0] = number_slice(r, b->slices, &b->slice_count, i, j);
+      tap[1] = number_slice(r, b->slices, &b->slice_count, i + next_i, j);
+      tap[2] = number_slice(r, b->slices, &b->slice_count, i, j + next_j);
+      tap[3] = number_slice(r, b->slices, &b->slice_count, i + next_i, j + next_j);
     }
     *cell_of_run++ = (uint8_t)n->number;
   }
-  r->source.fetch(r->source.context, block_u, block_v, slices, slice_count, u_blocks);
+}
+
+static void find_taps(resampler *r, uint32_t block_u, uint32_t block_v, pending_block *p) {
+  const uint8_t *u_blocks[BLOCK_MAX_SLICES];
+  block_slices b;
+  if (p->mask == 0) return;
+  find_slices(r, p, &b);
+  r->source.fetch(r->source.context, block_u, block_v, b.slices, b.slice_count, u_blocks);
   const int u_block_nbytes = r->format == U_BLOCK_HALF ? U_BLOCK_HALF_NBYTES : SLF_BLOCK_NBYTES;
-  for (size_t i = 0; i < slice_count; i++)
+  for (size_t i = 0; i < b.slice_count; i++)
     for (int line = 0; line < u_block_nbytes; line += 64) __builtin_prefetch(u_blocks[i] + line);
-  for (uint32_t c = 0; c < cell_count; c++)
-    for (int tap = 0; tap < 4; tap++) p->taps[c][tap] = u_blocks[tap_slices[c][tap]];
+  for (uint32_t c = 0; c < b.cell_count; c++)
+    for (int tap = 0; tap < 4; tap++) p->taps[c][tap] = u_blocks[b.tap_slices[c][tap]];
 }
 
 /* ---- The mix ----------------------------------------------------------------------------------
@@ -391,4 +402,18 @@ void resample_block(resampler *r, uint32_t block_u, uint32_t block_v,
   resample_flush(r);
   r->latest = 1 - r->latest;
   r->has_pending = true;
+}
+
+void resample_ask(resampler *r, uint32_t block_u, uint32_t block_v,
+                  const block_directions *directions,
+                  void (*ask)(void *context, uint32_t block_u, uint32_t block_v,
+                              const slice_index *slices, size_t count),
+                  void *context) {
+  pending_block *p = &r->pending[1 - r->latest]; /* the other one may still be mixed */
+  block_slices b;
+  p->mask = directions->mask;
+  if (p->mask == 0) return;
+  r->place(r, directions, p);
+  find_slices(r, p, &b);
+  ask(context, block_u, block_v, b.slices, b.slice_count);
 }

@@ -54,6 +54,13 @@ void resample_block(resampler *r, uint32_t block_u, uint32_t block_v,
                     const block_directions *directions, uint16_t *out, size_t row_nbytes);
 void resample_flush(resampler *r);
 
+/* Calls `ask` with the slices that resample_block will ask the source for, mixing nothing. */
+void resample_ask(resampler *r, uint32_t block_u, uint32_t block_v,
+                  const block_directions *directions,
+                  void (*ask)(void *context, uint32_t block_u, uint32_t block_v,
+                              const slice_index *slices, size_t count),
+                  void *context);
+
 /* The plain C and the vector kernels give the same bytes; tests hold them against each other. */
 typedef enum { RESAMPLE_BEST, RESAMPLE_PLAIN_C } resample_kernel;
 void resampler_use_kernel(resampler *r, resample_kernel kernel);

@@ -157,6 +157,26 @@ static void add_block(mipmap_area *area, const mipmap_level *level, uint32_t blo
   if (y1 > area->y1) area->y1 = y1;
 }
 
+static void announce(texture *x, uint32_t step) {
+  const uv_mesh *mesh = &x->mesh;
+  block_directions d;
+  memset(&d, 0, sizeof d);
+  for (uint32_t block = 0; block < mesh->block_u_count * mesh->block_v_count; block += step) {
+    uint32_t block_u = block % mesh->block_u_count, block_v = block / mesh->block_u_count;
+    if (block_view_directions(x, block_u, block_v, &d))
+      resample_ask(x->resampler, block_u, block_v, &d, block_cache_announce, x->source.context);
+  }
+}
+
+/* Finding the directions and slices of all blocks twice costs about half of an update that finds
+ * everything decompressed, so a few blocks tell first whether that is worth it. */
+static void decode_ahead(texture *x) {
+  announce(x, 13); /* no divisor of a row's blocks, mostly */
+  if (block_cache_forget_announced(x->ahead) < 0.5) return;
+  announce(x, 1);
+  block_cache_decompress_announced(x->ahead, x->thread_count);
+}
+
 void texture_update(texture *x, const camera *c, direction_bend bend) {
   uv_mesh *mesh = &x->mesh;
   block_directions d;
@@ -164,6 +184,7 @@ void texture_update(texture *x, const camera *c, direction_bend bend) {
   find_visible(x, c);
   for (uint32_t i = 0; i < mesh->vertex_count; i++)
     view_direction(&mesh->vertices[i], c->location, &x->s[i], &x->t[i]);
+  if (x->thread_count > 1 && !bend.bend && !x->depth) decode_ahead(x);
   x->made_count = 0;
   mipmap_area changed = {0, 0, 0, 0};
   for (uint32_t block_v = 0; block_v < mesh->block_v_count; block_v++)
@@ -212,6 +233,16 @@ static bool create_levels(texture *x) {
   }
 }
 
+void texture_use_slices(texture *x, uint32_t s_count, uint32_t t_count, block_source source) {
+  x->source = source;
+  resampler_use_slices(x->resampler, s_count, t_count, source);
+}
+
+void texture_decode_ahead(texture *x, block_cache *cache, uint32_t thread_count) {
+  x->ahead = cache;
+  x->thread_count = thread_count;
+}
+
 void texture_use_kernel(texture *x, resample_kernel kernel) {
   resampler_use_kernel(x->resampler, kernel);
   x->fill = fill_plain;
@@ -227,6 +258,7 @@ bool texture_create(texture *x, const slf_mesh *mesh, const slf_layer *layer, bl
   size_t block_count = (size_t)x->mesh.block_u_count * x->mesh.block_v_count;
   x->surface_mesh = *mesh;
   x->resampler = resampler_create(layer->s_count, layer->t_count, source);
+  x->source = source;
   x->made = calloc(block_count, 1);
   x->s = malloc((x->mesh.vertex_count + (size_t)1) * sizeof *x->s);
   x->t = malloc((x->mesh.vertex_count + (size_t)1) * sizeof *x->t);

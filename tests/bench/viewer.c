@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "tests/bench/figures.h"
 #include "viewer/block_cache.h"
@@ -129,6 +130,26 @@ static double still_ratio(scene *x, scene *plain, const slf_view *view, bool col
   return median(ratios, ROUNDS);
 }
 
+/* How much sooner a frame is there for which all is decompressed when every processor helps. */
+static double threads_speedup(scene *x, const slf_view *view) {
+  double ratios[ROUNDS], s[2];
+  size_t texels;
+  for (int i = 0; i < ROUNDS; i++) {
+    for (int all = 0; all < 2; all++) {
+      for (uint32_t k = 0; k < x->count; k++)
+        texture_decode_ahead(&x->textures[k], x->cache,
+                             all ? (uint32_t)sysconf(_SC_NPROCESSORS_ONLN) : 1);
+      block_cache_clear(x->cache);
+      double start_s = now_s();
+      frame_ns(x, view, &texels);
+      s[all] = now_s() - start_s;
+    }
+    ratios[i] = s[0] / s[1];
+  }
+  for (uint32_t k = 0; k < x->count; k++) texture_decode_ahead(&x->textures[k], NULL, 1);
+  return median(ratios, ROUNDS);
+}
+
 static double decompressions_per_block(scene *x, const slf_view *view) {
   size_t texels;
   frame_ns(x, view, &texels);
@@ -153,6 +174,7 @@ static void bench(const slf_file *file, const char *name) {
   }
   print_figure("warm_vs_uncompressed", name, still_ratio(&warm, &plain, &view, false));
   print_figure("cold_vs_uncompressed", name, still_ratio(&warm, &plain, &view, true));
+  print_figure("cold_threads_speedup", name, threads_speedup(&warm, &view));
   static const size_t capacities[] = {10000, 1000, 100, 10, 4, 1, 0};
   for (size_t i = 0; i < sizeof capacities / sizeof *capacities; i++) {
     open_scene(&small, file, &plain, capacities[i]);

@@ -49,7 +49,8 @@ static int remove_file(void **state) {
 }
 
 /* Eight frames of a flight over both squares, texels appended to `picture`. */
-static block_cache_counts fly(size_t capacity, uint8_t *picture, size_t *most_resident) {
+static block_cache_counts fly(size_t capacity, uint32_t thread_count, uint8_t *picture,
+                              size_t *most_resident) {
   block_cache *cache = block_cache_create(file, capacity);
   assert_non_null(cache);
   texture x[2];
@@ -57,6 +58,7 @@ static block_cache_counts fly(size_t capacity, uint8_t *picture, size_t *most_re
     const slf_surface *surface = slf_get_surface(file, i);
     assert_true(texture_create(&x[i], &surface->mesh, &surface->layers[0],
                                block_cache_layer(cache, i, 0), UV_DICE_PX));
+    texture_decode_ahead(&x[i], cache, thread_count);
   }
   *most_resident = 0;
   for (int frame = 0; frame < 8; frame++) {
@@ -89,7 +91,7 @@ static void test_any_capacity_gives_the_same_bytes(void **state) {
   uint64_t lookups = 0, fewest = UINT64_MAX, distinct = 0, again = 0;
   for (size_t i = 0; i < sizeof capacities / sizeof *capacities; i++) {
     size_t resident;
-    block_cache_counts counts = fly(capacities[i], i ? picture : reference, &resident);
+    block_cache_counts counts = fly(capacities[i], 1, i ? picture : reference, &resident);
     print_message("capacity %5zu: %llu look-ups, %llu decompressions, at most %zu resident\n",
                   capacities[i], (unsigned long long)counts.lookups,
                   (unsigned long long)counts.decompressions, resident);
@@ -111,6 +113,30 @@ static void test_any_capacity_gives_the_same_bytes(void **state) {
   assert_int_equal(again, 0);
   /* The largest holds all: frames 2 k and 2 k + 1 are the same, so half of all look-ups hit. */
   assert_true(fewest * 2 <= lookups);
+  free(reference);
+  free(picture);
+}
+
+/* On several threads, ahead: the same picture, each block once. */
+static void test_decoding_ahead(void **state) {
+  (void)state;
+  static const size_t capacities[] = {0, 1, 3, 100, 1000, 65536};
+  uint8_t *reference = malloc(PICTURE_NBYTES), *picture = malloc(PICTURE_NBYTES);
+  size_t resident;
+  block_cache_counts alone = fly(65536, 1, reference, &resident), counts;
+  for (size_t i = 0; i < sizeof capacities / sizeof *capacities; i++)
+    for (uint32_t thread_count = 2; thread_count <= 5; thread_count++) {
+      counts = fly(capacities[i], thread_count, picture, &resident);
+      assert_memory_equal(picture, reference, PICTURE_NBYTES);
+      assert_int_equal(counts.lookups, alone.lookups);
+      assert_int_equal(counts.lookups, counts.hits + counts.decompressions);
+      assert_true(counts.decompressions >= alone.decompressions);
+      assert_true(resident <= capacities[i] + 2 * BLOCK_MAX_SLICES);
+    }
+  /* The last cache holds all: nothing was decompressed that was not fetched then. */
+  assert_int_equal(counts.decompressions, alone.decompressions);
+  assert_int_equal(counts.decompressions_again, 0);
+  assert_int_equal(counts.hits, alone.hits);
   free(reference);
   free(picture);
 }
@@ -396,6 +422,7 @@ static void test_hdr(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_any_capacity_gives_the_same_bytes),
+      cmocka_unit_test(test_decoding_ahead),
       cmocka_unit_test(test_counts_of_a_frame_and_the_map),
       cmocka_unit_test(test_random_fetches),
       cmocka_unit_test(test_samples_of_a_level),
