@@ -1,7 +1,7 @@
 /* camera - writes the scene that POV-Ray renders for one chunk of slices.
  *
  * A planar surface is seen by mesh_camera type 3: each (slice, ray of a sample) is one tile of the
- * frame, a parallelogram on the surface whose normals all point against the direction. A curved
+ * frame, part of a triangle on the surface whose normals all point against the direction. A curved
  * one is seen by type 0: one face for each texel, one mesh for each ray of a sample. Both put the
  * ray's origin on P + start D and send it along -D; both are exact to float precision.
  *
@@ -61,14 +61,20 @@ static void frame_of_vertex(const slf_vertex *vertex, frame *out) {
   normalise(out->normal), normalise(out->tangent_u), normalise(out->tangent_v);
 }
 
-/* A tile: texel i of the grid, u = (u_first + i u_step + offset) / u_count, lies at the i-th pixel
- * of the tile; the tile reaches half a pixel further on each side. */
+/* A tile is one triangle, half of a parallelogram twice the tile's size: it reaches from the tile's
+ * lower left corner over the tile, and beyond it to the right and up, where tiles lie that come
+ * before it in the list: POV-Ray takes the first that has the pixel. Its corners, in tiles: */
+static const int tile_corners[3][2] = {{0, 1}, {2, 1}, {0, -1}};
+
+/* Texel i of the grid, u = (u_first + i u_step + offset) / u_count, lies at the i-th pixel of the
+ * tile; the tile reaches half a pixel further on each side. */
 static void write_tile_vertices(const shot *self, const double uv[2], const double direction[3],
                                 double start) {
   const surface *on = self->self;
   const texel_grid *grid = &self->grid;
-  for (int corner = 0; corner < 4; corner++) {
-    double i = corner & 1 ? grid->u_count - 0.5 : -0.5, j = corner & 2 ? grid->v_count - 0.5 : -0.5;
+  for (int corner = 0; corner < 3; corner++) {
+    double i = tile_corners[corner][0] * (double)grid->u_count - 0.5;
+    double j = tile_corners[corner][1] * (double)grid->v_count - 0.5;
     double origin[3];
     memcpy(origin, on->corner, sizeof origin);
     add_scaled(origin, on->edge_u, (grid->u_first + i * grid->u_step + uv[0]) / on->u_count);
@@ -82,11 +88,11 @@ static void write_tile_vertices(const shot *self, const double uv[2], const doub
  * up. POV-Ray finds the objects around the first ray's origin and takes them to be around all: a
  * corner texel's may lie in a wall, where no fog is. */
 static void write_first_tile(const surface *self, const double normal[3]) {
-  for (int corner = 0; corner < 4; corner++) {
+  for (int corner = 0; corner < 3; corner++) {
     double origin[3];
     memcpy(origin, self->corner, sizeof origin);
-    add_scaled(origin, self->edge_u, 0.5 + 0.5 * (corner & 1) / self->u_count);
-    add_scaled(origin, self->edge_v, 0.5 + 0.25 * (corner & 2) / self->v_count);
+    add_scaled(origin, self->edge_u, 0.5 + 0.5 * tile_corners[corner][0] / self->u_count);
+    add_scaled(origin, self->edge_v, 0.5 + 0.5 * tile_corners[corner][1] / self->v_count);
     add_scaled(origin, normal, surface_ray_start(self));
     printf("<%.10g,%.10g,%.10g>\n", origin[0], origin[1], origin[2]);
   }
@@ -98,47 +104,56 @@ static void write_camera(const shot *self, uint32_t rays, int type) {
   putchar('\n');
 }
 
+/* The i-th tile in the list: rows of tiles from the top, each from right to left, or they would
+ * hide each other. Returns false where a row has no tile. */
+static bool tile_in_list(uint32_t i, uint32_t columns, uint32_t count, uint32_t *tile) {
+  *tile = i / columns * columns + (columns - 1 - i % columns);
+  return *tile < count;
+}
+
 static void write_planar_camera(const shot *self, uint32_t width, uint32_t height, bool fogged) {
   uint32_t rays = self->views.rays, view_tile_count = self->views.view_count * rays;
-  uint32_t tile_count = view_tile_count + fogged;
+  uint32_t tile_count = view_tile_count + fogged, columns = width / self->grid.u_count;
+  uint32_t place_count = (view_tile_count + columns - 1) / columns * columns, tile;
   double uv[SAMPLE_MAX_RAYS][2], direction[3];
   double start = surface_ray_start(self->self);
   sample_texel_offsets(rays, uv);
   frame at;
   frame_of_vertex(&self->self->vertices[0], &at);
 
-  printf("#declare Slf_Tiles = mesh2 {\nvertex_vectors { %u\n", 4 * tile_count);
+  printf("#declare Slf_Tiles = mesh2 {\nvertex_vectors { %u\n", 3 * tile_count);
   if (fogged) write_first_tile(self->self, at.normal);
-  for (uint32_t i = 0; i < view_tile_count; i++) {
-    to_scene(&at, self->views.stn[i], direction);
-    write_tile_vertices(self, uv[i % rays], direction, start);
+  for (uint32_t i = 0; i < place_count; i++) {
+    if (!tile_in_list(i, columns, view_tile_count, &tile)) continue;
+    to_scene(&at, self->views.stn[tile], direction);
+    write_tile_vertices(self, uv[tile % rays], direction, start);
   }
   printf("}\nnormal_vectors { %u\n", tile_count);
   if (fogged) printf("<%.10g,%.10g,%.10g>\n", -at.normal[0], -at.normal[1], -at.normal[2]);
-  for (uint32_t i = 0; i < view_tile_count; i++) {
-    to_scene(&at, self->views.stn[i], direction);
+  for (uint32_t i = 0; i < place_count; i++) {
+    if (!tile_in_list(i, columns, view_tile_count, &tile)) continue;
+    to_scene(&at, self->views.stn[tile], direction);
     printf("<%.10g,%.10g,%.10g>\n", -direction[0], -direction[1], -direction[2]);
   }
-  printf("}\nuv_vectors { %u\n", 4 * tile_count);
-  /* Row 0 is looked up at y = 0.5, row 1 at y = 1; the first tile that has the place is taken. */
-  for (int corner = 0; corner < 4 && fogged; corner++)
-    printf("<%d,%.12g>\n", corner & 1, 1 - (corner & 2 ? 0.75 : 0.25) / height);
-  for (uint32_t i = 0; i < view_tile_count; i++) {
+  printf("}\nuv_vectors { %u\n", 3 * tile_count);
+  /* Row 0 is looked up at y = 0.5, row 1 at y = 1. */
+  for (int corner = 0; corner < 3 && fogged; corner++)
+    printf("<%d,%.12g>\n", tile_corners[corner][0],
+           1 - (0.25 + 0.5 * tile_corners[corner][1]) / height);
+  for (uint32_t i = 0; i < place_count; i++) {
     uint32_t column, row;
-    frame_tile(self->self, self->grid, rays, i / rays, i % rays, &column, &row);
-    for (int corner = 0; corner < 4; corner++) {
-      double x = column + (corner & 1 ? self->grid.u_count - 0.5 : -0.5);
-      double y = 1 + row + (corner & 2 ? self->grid.v_count - 0.5 : -0.5);
+    if (!tile_in_list(i, columns, view_tile_count, &tile)) continue;
+    frame_tile(self->self, self->grid, rays, tile / rays, tile % rays, &column, &row);
+    for (int corner = 0; corner < 3; corner++) {
+      double x = column + tile_corners[corner][0] * (double)self->grid.u_count - 0.5;
+      double y = 1 + row + tile_corners[corner][1] * (double)self->grid.v_count - 0.5;
       printf("<%.12g,%.12g>\n", x / width, 1 - y / height);
     }
   }
-  printf("}\nface_indices { %u\n", 2 * tile_count);
-  for (uint32_t i = 0; i < tile_count; i++) {
-    uint32_t c = 4 * i;
-    printf("<%u,%u,%u>\n<%u,%u,%u>\n", c, c + 1, c + 2, c + 1, c + 3, c + 2);
-  }
-  printf("}\nnormal_indices { %u\n", 2 * tile_count);
-  for (uint32_t i = 0; i < tile_count; i++) printf("<%u,%u,%u>\n<%u,%u,%u>\n", i, i, i, i, i, i);
+  printf("}\nface_indices { %u\n", tile_count);
+  for (uint32_t i = 0; i < tile_count; i++) printf("<%u,%u,%u>\n", 3 * i, 3 * i + 1, 3 * i + 2);
+  printf("}\nnormal_indices { %u\n", tile_count);
+  for (uint32_t i = 0; i < tile_count; i++) printf("<%u,%u,%u>\n", i, i, i);
   printf("} }\n");
   write_camera(self, 1, 3);
   printf("mesh { Slf_Tiles } smooth } location 0 direction z }\n");
