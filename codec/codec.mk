@@ -50,15 +50,24 @@ install-codec: $(LIBSLF) $(LIBSLF_SO) $(SLF)
 	  'Version: $(LIBSLF_VERSION)' 'Cflags: -I$(PREFIX)/include' 'Libs: -L$(PREFIX)/lib -lslf' \
 	  'Libs.private: -lm -pthread' > $(DESTDIR)$(PREFIX)/lib/pkgconfig/slf.pc
 
-# Its numbers go to build/bench/codec.json; it bakes what it measures.
+# Its numbers go to build/bench/codec.json. The peers' codecs live in a venv of their own.
 CODEC_BENCH := $(OUT)/bench/codec
 $(OBJ)/tests/bench/codec.o: PKG_CFLAGS = $(shell pkg-config --cflags libjpeg OpenEXR)
 $(CODEC_BENCH): $(OBJ)/tests/bench/codec.o $(OBJ)/tests/bench/synthetic.o \
   $(addprefix $(OBJ)/bake/,surface.o sample.o image.o fail.o) $(LIBSLF)
 	@mkdir -p $(@D)
 	$(call say,link,$@)$(CC) $^ -o $@ $(ALL_LDFLAGS) $(shell pkg-config --libs libjpeg OpenEXR) -lm
+
+NEED.peers.programs := astcenc jq python3
+NEED.peers.packages := astcenc jq python3 python3-venv
+PEERS_PYTHON := build/bench/venv/bin/python
+$(PEERS_PYTHON): tests/bench/requirements.txt | build/deps/peers
+	python3 -m venv build/bench/venv
+	build/bench/venv/bin/pip -q install -r $<
+	@touch $@
+
 .PHONY: bench-codec
-bench-codec: $(CODEC_BENCH)
+bench-codec: bench-bakes $(CODEC_BENCH) $(PEERS_PYTHON)
 	@tests/bench/codec.sh
 
 # libFuzzer's targets: the library and one tests/fuzz/NAME.c, by clang, sanitized.
