@@ -44,6 +44,7 @@ static void both_decoders_agree(void **state) {
     assert_int_equal(slf_writer_finish(writer, &error), SLF_OK);
     assert_int_equal(slf_open(path, &file, &error), SLF_OK);
     int largest = 0;
+    long twos = 0, samples = 0;
     for (uint32_t i = 0; i < DIRECTIONS * DIRECTIONS; i++) {
       uint32_t s = i % DIRECTIONS, t = i / DIRECTIONS;
       if (!slf_slice_exists(DIRECTIONS, DIRECTIONS, s, t)) continue;
@@ -74,13 +75,19 @@ static void both_decoders_agree(void **state) {
           for (int c = 0; c < 3; c++) {
             int difference = abs(ours[32 * (v % 8) + 4 * (u % 8) + c] - theirs[v][u][c]);
             if (difference > largest) largest = difference;
+            twos += difference == 2;
+            samples++;
           }
         }
     }
-    print_message("  quality %g: largest difference %d\n", qualities[q], largest);
+    print_message("  quality %g: largest difference %d, of %.3f %% of samples\n", qualities[q],
+                  largest, 100.0 * (double)twos / (double)samples);
     /* libjpeg-turbo rounds Y, Cb and Cr to whole codes before it turns them to R, G, B: half a code
-     * of each, up to 1.77 times; 2 is the most, and only where both round apart. */
+     * of luma and 0.89 of blue difference, 1.39 in all, can round to 2. Ours rounds once, at the
+     * end: to round as often would add 0.24 to the squared error (0.16 dB at 40 dB, 0.6 at 46). So
+     * they differ by 1 at most but for few samples, less than one in 100. */
     assert_true(largest <= 2);
+    assert_true(twos * 100 < samples);
     slf_close(file);
     unlink(path);
     unlink(jpeg);
