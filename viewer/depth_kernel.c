@@ -175,6 +175,10 @@ static __attribute__((noinline)) i8 load_pages(const depth_cell *cell, int k, i8
 INLINE reading look(const depth_cell *cell, int k, f8 x, f8 y) {
   const depth_pages *p = cell->pages;
   reading r;
+  if (p->wrap_u) {
+    f8 round = all((float)p->u_count);
+    x = choose(x < all(0), x + round, choose(x >= round, x - round, x));
+  }
   f8 free_x = x - 0.5f, free_y = y - 0.5f;
   x = smaller(larger(free_x, all(0)), all((float)(p->u_count - 1)));
   y = smaller(larger(free_y, all(0)), all((float)(p->v_count - 1)));
@@ -238,6 +242,7 @@ typedef struct {
   f8 x, y;
   f8 dx[4], dy[4]; /* q_k - q */
   f8 weight[4];
+  f8 across[4], bend[4], turn[2]; /* of a curved surface: depth_frames.h */
 } bundle;
 
 /* What the slices say of a height in each lane. */
@@ -255,6 +260,19 @@ INLINE f8 pick(const float *of_texel, const uint8_t *texels, int count) {
   return load(v);
 }
 
+static void pick_frames(const depth_cell *cell, bundle *b) {
+  enum { COUNT = sizeof(depth_frame) / sizeof(float) };
+  const depth_pages *p = cell->pages;
+  float numbers[COUNT][LANES];
+  for (int l = 0; l < LANES; l++) {
+    float of_one[COUNT];
+    memcpy(of_one, &cell->frames[(size_t)b->y[l] * p->u_count + (size_t)b->x[l]], sizeof of_one);
+    for (int i = 0; i < COUNT; i++) numbers[i][l] = of_one[i];
+  }
+  for (int i = 0; i < 4; i++) b->across[i] = load(numbers[i]), b->bend[i] = load(numbers[4 + i]);
+  for (int i = 0; i < 2; i++) b->turn[i] = load(numbers[8 + i]);
+}
+
 INLINE void make_bundle(const depth_cell *cell, const depth_rays *rays, const uint8_t *texels,
                         int count, bundle *b) {
   f8 qx, qy, f, g;
@@ -268,6 +286,7 @@ INLINE void make_bundle(const depth_cell *cell, const depth_rays *rays, const ui
     qx = pick(rays->qx, texels, count), qy = pick(rays->qy, texels, count);
     f = pick(rays->i, texels, count), g = pick(rays->j, texels, count);
   }
+  if (cell->frames) pick_frames(cell, b);
   f -= (float)cell->i0, g -= (float)cell->j0;
   for (int k = 0; k < 4; k++) {
     f8 along_s = k & 1 ? f : 1.0f - f, along_t = k & 2 ? g : 1.0f - g;
@@ -287,17 +306,48 @@ INLINE f8 height_of(const depth_cell *cell, f8 code) {
   return cell->unit * code / (256.0f - code);
 }
 
-INLINE reading look_from(const depth_cell *cell, const bundle *b, int k, f8 height) {
-  return look(cell, k, b->x + height * b->dx[k], b->y + height * b->dy[k]);
+/* Where slice k sees what the ray meets at a height, and how high that is over the surface there.
+ * Curved, by depth_frames.h: at texel e away the slice's ray leaves along -q + turn . e (q_v, -q_u)
+ * + bend e in the tangent plane and rises by 1 + q . bend e; to first order in e it meets the point
+ * if (across + h (bend + (q_v, -q_u) turn + q (q . bend))) e = h (q_k - q). */
+INLINE f8 see_from(const depth_cell *cell, const bundle *b, int k, f8 h, f8 *x, f8 *y) {
+  f8 right_u = h * b->dx[k], right_v = h * b->dy[k];
+  if (!cell->frames) {
+    *x = b->x + right_u, *y = b->y + right_v;
+    return h;
+  }
+  const f8 *p = b->across, *n = b->bend, *w = b->turn;
+  float q_u = cell->qx[k], q_v = cell->qy[k];
+  f8 rise_u = q_u * n[0] + q_v * n[2], rise_v = q_u * n[1] + q_v * n[3];
+  f8 uu = p[0] + h * (n[0] + q_v * w[0] + q_u * rise_u),
+     uv = p[1] + h * (n[1] + q_v * w[1] + q_u * rise_v);
+  f8 vu = p[2] + h * (n[2] - q_u * w[0] + q_v * rise_u),
+     vv = p[3] + h * (n[3] - q_u * w[1] + q_v * rise_v);
+  f8 scale = 1.0f / (uu * vv - uv * vu);
+  f8 e_u = (right_u * vv - right_v * uv) * scale, e_v = (uu * right_v - vu * right_u) * scale;
+  f8 drop = (n[0] * e_u + n[1] * e_v) * (p[0] * e_u + p[1] * e_v) +
+            (n[2] * e_u + n[3] * e_v) * (p[2] * e_u + p[3] * e_v);
+  *x = b->x + e_u, *y = b->y + e_v;
+  return (h + 0.5f * drop) / (1.0f + rise_u * e_u + rise_v * e_v);
+}
+
+/* What slice k sees there, and the code that it should. */
+INLINE reading look_from(const depth_cell *cell, const bundle *b, int k, f8 code, f8 *expected) {
+  f8 x, y, height = height_of(cell, code);
+  f8 there = see_from(cell, b, k, height, &x, &y);
+  *expected = code;
+  if (cell->frames) *expected = 256.0f * there / (cell->unit + there);
+  return look(cell, k, x, y);
 }
 
 static void judge(const depth_cell *cell, const bundle *b, const f8 *code, verdict *v) {
-  f8 scale = 1.0f / tolerance(*code), height = height_of(cell, *code);
+  f8 scale = 1.0f / tolerance(*code), expected;
   f8 score = all(0), agreed = all(0);
   v->code = *code;
   for (int k = 0; k < 4; k++) {
-    v->at[k] = look_from(cell, b, k, height);
-    f8 off = (v->at[k].seen - *code) * scale, agreement = larger(1.0f - 0.25f * off * off, all(0));
+    v->at[k] = look_from(cell, b, k, *code, &expected);
+    f8 off = (v->at[k].seen - expected) * scale,
+       agreement = larger(1.0f - 0.25f * off * off, all(0));
     f8 weight = choose(v->at[k].inside, b->weight[k], all(0));
     f8 agreeing = weight * (agreement * agreement);
     v->weight[k] = agreeing;
@@ -380,13 +430,14 @@ INLINE void mix(const depth_cell *cell, const verdict *v, const uint8_t *of, uns
 /* From a guess to the height on which the ray and what slice k sees meet, by a secant; what is seen
  * there where there is an edge. Settled lanes are there already. */
 static f8 meet(const depth_cell *cell, const bundle *b, int k, f8 guess) {
-  f8 off = look_from(cell, b, k, height_of(cell, guess)).seen - guess;
+  f8 expected, seen = look_from(cell, b, k, guess, &expected).seen, off = seen - expected;
   i8 settled = magnitude(off) < 0.2f * tolerance(guess);
   if (!mask_bits(~settled)) return guess;
-  f8 next = guess + off, seen = look_from(cell, b, k, height_of(cell, next)).seen;
-  f8 next_off = seen - next, fall = off - next_off; /* within a step of off */
-  i8 steady = (magnitude(fall) > 0.25f * magnitude(off)) & (magnitude(next_off) < all(EDGE_CODES));
-  f8 code = choose(steady, guess + off * off / choose(steady, fall, all(1)), seen);
+  f8 next = smaller(larger(guess + off, all(0)), all(255)), step = next - guess;
+  seen = look_from(cell, b, k, next, &expected).seen;
+  f8 next_off = seen - expected, fall = off - next_off;
+  i8 steady = (magnitude(fall) > 0.25f * magnitude(step)) & (magnitude(next_off) < all(EDGE_CODES));
+  f8 code = choose(steady, guess + off * step / choose(steady, fall, all(1)), next + next_off);
   code = smaller(larger(code, all(0)), all(255));
   return choose(settled, guess, code);
 }

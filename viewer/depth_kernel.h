@@ -3,6 +3,7 @@
 #ifndef DEPTH_KERNEL_H
 #define DEPTH_KERNEL_H
 
+#include "depth_frames.h"
 #include "depth_pages.h"
 #include "resample.h"
 
@@ -12,12 +13,13 @@ enum { LANES = 8 };
  * their number along s, bit 1 along t. */
 typedef struct {
   depth_pages *pages;
-  float unit;               /* of the heights */
-  uint32_t i0, j0;          /* the first */
-  uint32_t s[4], t[4];      /* of each */
-  float exists[4];          /* 1, or 0: then another stands in, and counts for nothing */
-  const int32_t *tables[4]; /* of pages */
-  float qx[4], qy[4];       /* slopes, texels a unit of height */
+  const depth_frame *frames; /* of a curved surface's texels; NULL for a flat one */
+  float unit;                /* of the heights */
+  uint32_t i0, j0;           /* the first */
+  uint32_t s[4], t[4];       /* of each */
+  float exists[4];           /* 1, or 0: then another stands in, and counts for nothing */
+  const int32_t *tables[4];  /* of pages */
+  float qx[4], qy[4];        /* slopes, texels a unit of height */
 } depth_cell;
 
 /* The rays of a block's texels, 8 row + column. Texels are those of the light; slopes as those of

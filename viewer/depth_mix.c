@@ -10,7 +10,8 @@
 
 enum {
   STEP_TEXELS = 2, /* that a ray is followed through a slice by, */
-  MAX_STEPS = 48   /* so many times */
+  MAX_STEPS = 48,  /* so many times */
+  CURVED_STEPS = 6
 };
 
 /* How a texel was mixed. */
@@ -31,7 +32,8 @@ struct depth_mixer {
   depth_geometry geometry;
   float u_end, v_end; /* half a texel beyond the light's last */
   float unit;
-  float (*slopes)[2]; /* q of each slice, NAN of those that do not exist */
+  depth_frame *frames; /* of a curved surface; NULL for a flat one */
+  float (*slopes)[2];  /* q of each slice, NAN of those that do not exist */
   depth_pages pages;
   const depth_kernel *kernel;
   uint32_t block_u_count; /* of what is mixed */
@@ -178,6 +180,39 @@ static void add_neighbours(depth_mixer *m, ray *r, int reach) {
     }
 }
 
+/* As see_from in depth_kernel.c: where a slice sees what the ray meets at height h; *there becomes
+ * its height over the surface there. */
+static void see_from(const depth_mixer *m, const ray *r, const neighbour *n, float h, float *x,
+                     float *y, float *there) {
+  float right_u = h * n->dx, right_v = h * n->dy;
+  *x = r->x + right_u, *y = r->y + right_v, *there = h;
+  if (!m->frames) return;
+  const depth_frame *f = &m->frames[(size_t)r->y * m->pages.u_count + (size_t)r->x];
+  const float *p = f->across, *b = f->bend, *w = f->turn, q_u = r->qx + n->dx, q_v = r->qy + n->dy;
+  float rise_u = q_u * b[0] + q_v * b[2], rise_v = q_u * b[1] + q_v * b[3];
+  float uu = p[0] + h * (b[0] + q_v * w[0] + q_u * rise_u);
+  float uv = p[1] + h * (b[1] + q_v * w[1] + q_u * rise_v);
+  float vu = p[2] + h * (b[2] - q_u * w[0] + q_v * rise_u);
+  float vv = p[3] + h * (b[3] - q_u * w[1] + q_v * rise_v);
+  float scale = 1 / (uu * vv - uv * vu);
+  float e_u = (right_u * vv - right_v * uv) * scale, e_v = (uu * right_v - vu * right_u) * scale;
+  float drop = (b[0] * e_u + b[1] * e_v) * (p[0] * e_u + p[1] * e_v) +
+               (b[2] * e_u + b[3] * e_v) * (p[2] * e_u + p[3] * e_v);
+  *x = r->x + e_u, *y = r->y + e_v;
+  *there = (h + 0.5f * drop) / (1 + rise_u * e_u + rise_v * e_v);
+  if (m->pages.wrap_u) *x -= (float)m->pages.u_count * floorf(*x / (float)m->pages.u_count);
+}
+
+/* By how much what a slice sees where it should see height h is higher than it should; *inside is
+ * whether there is any surface. */
+static float look_from(depth_mixer *m, const ray *r, const neighbour *n, float h, bool *inside) {
+  float x, y, there;
+  see_from(m, r, n, h, &x, &y, &there);
+  float code = code_at(m, n, x, y);
+  *inside = code >= 0;
+  return *inside ? height_of(m, code) - there : 0;
+}
+
 /* How far apart two heights may be and still be one: codes, slopes and edges are not exact. */
 static float tolerance(const depth_mixer *m, float h) {
   return TOLERANCE_UNITS * m->unit + TOLERANCE_SHARE * h;
@@ -189,11 +224,25 @@ static float agreement(float off) {
   return a > 0 ? a * a : 0;
 }
 
+/* On a curved surface slices see the same thing close to each other: from what the slice sees at
+ * the texel itself. */
+static float meet_curved(depth_mixer *m, const ray *r, const neighbour *n) {
+  bool inside;
+  float h = look_from(m, r, n, 0, &inside), off = h;
+  for (int i = 0; i < CURVED_STEPS && inside && h >= 0; i++) {
+    off = look_from(m, r, n, h, &inside);
+    if (inside && fabsf(off) < 0.3f * tolerance(m, h)) return h;
+    h += off;
+  }
+  return -1;
+}
+
 /* Where the ray meets what the slice sees: along the ray the point at height h is seen at p + h d.
  * As long as the slice sees something higher there, the point is in the open; where it sees
  * something lower, the point is behind that. From the open to behind in a step without an edge is a
  * hit. */
 static float meet(depth_mixer *m, const ray *r, const neighbour *n) {
+  if (m->frames) return meet_curved(m, r, n);
   float d = fmaxf(fabsf(n->dx), fabsf(n->dy)), step = STEP_TEXELS / fmaxf(d, 1e-3f), h = 0;
   float code = code_at(m, n, r->x, r->y), last_code = code, last_open = 1;
   for (int k = 0; k < MAX_STEPS && code >= 0; k++) {
@@ -215,10 +264,9 @@ static float judge(depth_mixer *m, const ray *r, float h) {
   float sum = 0, scale = 1 / tolerance(m, h);
   for (int k = 0; k < r->near_count; k++) {
     const neighbour *n = &r->near[k];
-    float code = code_at(m, n, r->x + h * n->dx, r->y + h * n->dy);
-    if (code < 0) continue;
-    float off = (height_of(m, code) - h) * scale;
-    sum += off > 2 ? -n->weight : n->weight * agreement(off);
+    bool inside;
+    float off = look_from(m, r, n, h, &inside) * scale;
+    if (inside) sum += off > 2 ? -n->weight : n->weight * agreement(off);
   }
   return sum;
 }
@@ -250,9 +298,11 @@ static float mix_at(depth_mixer *m, const ray *r, float h, float rgb[3]) {
   rgb[0] = rgb[1] = rgb[2] = 0;
   for (int k = 0; k < r->near_count; k++) {
     const neighbour *n = &r->near[k];
-    float x = r->x + h * n->dx, y = r->y + h * n->dy, code = code_at(m, n, x, y);
+    float x, y, there;
+    see_from(m, r, n, h, &x, &y, &there);
+    float code = code_at(m, n, x, y);
     if (code < 0) continue;
-    float weight = n->weight * agreement((height_of(m, code) - h) * scale);
+    float weight = n->weight * agreement((height_of(m, code) - there) * scale);
     if (weight < 1e-5f) continue;
     add_light(m, n, x, y, weight, rgb);
     sum += weight;
@@ -302,7 +352,7 @@ static float wanted_score(const memory *last) {
 
 /* The slices at a cell's corners. */
 static depth_cell find_cell(depth_mixer *m, uint32_t i0, uint32_t j0) {
-  depth_cell cell = {.pages = &m->pages, .unit = m->unit, .i0 = i0, .j0 = j0};
+  depth_cell cell = {.pages = &m->pages, .frames = m->frames, .unit = m->unit, .i0 = i0, .j0 = j0};
   const depth_geometry *g = &m->geometry;
   uint32_t any = 0;
   for (uint32_t k = 0; k < 4; k++) {
@@ -461,15 +511,21 @@ void depth_mixer_use_kernel(depth_mixer *m, resample_kernel kernel) {
 }
 
 depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
-                                const slf_layer *height, block_source heights, const float scale[4],
-                                uint32_t u_count, uint32_t v_count) {
+                                const slf_layer *height, block_source heights,
+                                const slf_surface *surface, uint32_t u_count, uint32_t v_count) {
   depth_mixer *m = calloc(1, sizeof *m);
   if (!m) return NULL;
   m->geometry.s_count = reflected->s_count, m->geometry.t_count = reflected->t_count;
   m->u_end = (float)reflected->u_count + 0.5f, m->v_end = (float)reflected->v_count + 0.5f;
   m->geometry.texel_u = (float)reflected->u_count / (float)u_count;
   m->geometry.texel_v = (float)reflected->v_count / (float)v_count;
-  memcpy(m->geometry.scale, scale, sizeof m->geometry.scale);
+  float *scale = m->geometry.scale;
+  bool wrap_u = surface->flags & SLF_SURFACE_WRAP_U;
+  bool flat = flat_texel_scale(&surface->mesh, reflected->u_count, reflected->v_count, scale);
+  if (!flat) {
+    memcpy(scale, (float[4]){1, 0, 0, 1}, 4 * sizeof *scale);
+    m->frames = depth_frames_create(&surface->mesh, reflected->u_count, reflected->v_count, wrap_u);
+  }
   m->unit = height->height_unit;
   m->slopes = calloc((size_t)m->geometry.s_count * m->geometry.t_count, sizeof *m->slopes);
   depth_mixer_use_kernel(m, RESAMPLE_BEST);
@@ -478,10 +534,11 @@ depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
   m->last = calloc(64 * block_count, sizeof *m->last);
   m->visits = calloc(block_count, 1);
   if (!depth_pages_create(&m->pages, reflected, light, height, heights) || !m->slopes || !m->last ||
-      !m->visits) {
+      !m->visits || (!flat && !m->frames)) {
     depth_mixer_free(m);
     return NULL;
   }
+  m->pages.wrap_u = wrap_u && !flat;
   for (uint32_t i = 0; i < m->geometry.s_count; i++)
     for (uint32_t j = 0; j < m->geometry.t_count; j++) {
       double d[3];
@@ -503,6 +560,7 @@ const depth_mix_counts *depth_mixer_counts(const depth_mixer *m) {
 void depth_mixer_free(depth_mixer *m) {
   if (!m) return;
   free(m->slopes);
+  free(m->frames);
   free(m->last);
   free(m->visits);
   depth_pages_free(&m->pages);

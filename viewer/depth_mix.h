@@ -1,4 +1,4 @@
-/* depth_mix.h - the mix that knows how high above a flat surface the things are that it reflects:
+/* depth_mix.h - the mix that knows how high above a surface the things are that it reflects:
  * it reads each slice where that sees the same point, so that mirrors stay mirrors.
  *
  * A ray leaves texel p with slopes q = (s, t) / n, in texels a unit of height, and what it reflects
@@ -22,12 +22,12 @@ typedef struct depth_mixer depth_mixer;
 bool flat_texel_scale(const slf_mesh *mesh, uint32_t u_count, uint32_t v_count, float scale[4]);
 
 /* For a layer of reflected radiance, its heights, and their blocks' sources, which must outlive it,
- * and must always give the same. `scale` is that of the reflected layer's texels. It mixes u_count
+ * and must always give the same. The surface need not. It mixes u_count
  * x v_count texels: more than the layer has are worth it, because neighbours read it further apart
  * than its texels are, 1 + h / e times for an eye e above the surface. NULL if memory ran out. */
 depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
-                                const slf_layer *height, block_source heights, const float scale[4],
-                                uint32_t u_count, uint32_t v_count);
+                                const slf_layer *height, block_source heights,
+                                const slf_surface *surface, uint32_t u_count, uint32_t v_count);
 void depth_mixer_free(depth_mixer *m); /* accepts NULL */
 
 /* Mixes 8x8 texels at once; directions and out as for resample_block. */

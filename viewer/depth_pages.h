@@ -26,6 +26,7 @@ enum {
 
 typedef struct {
   uint32_t u_count, v_count, block_u_count, block_v_count; /* of the light */
+  bool wrap_u;                                             /* u = 1 continues at u = 0 */
   uint32_t height_u_count, height_v_count;
   uint32_t slice_count, t_count;
   block_source light, heights;

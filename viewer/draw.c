@@ -239,14 +239,13 @@ static slf_result create_water(drawing *d, uint32_t index, uint32_t cells, slf_e
                       &d->surfaces[index].water, error);
 }
 
-/* Whether a layer is what a flat surface reflects, with its heights. */
-static bool has_depth(const slf_surface *surface, uint32_t k, float scale[4]) {
+/* Whether a layer is what a surface reflects, with its heights. */
+static bool has_depth(const slf_surface *surface, uint32_t k) {
   const slf_layer *shape = &surface->layers[k];
   return shape->role == SLF_ROLE_REFLECTED && shape->curve == SLF_CURVE_SRGB &&
          k + 1 < surface->layer_count && shape[1].role == SLF_ROLE_HEIGHT &&
          shape[1].curve == SLF_CURVE_SRGB && shape[1].s_count == shape->s_count &&
-         shape[1].t_count == shape->t_count &&
-         flat_texel_scale(&surface->mesh, shape->u_count, shape->v_count, scale);
+         shape[1].t_count == shape->t_count;
 }
 
 static block_source source_of(const drawing *d, uint32_t index, uint32_t k) {
@@ -255,7 +254,7 @@ static block_source source_of(const drawing *d, uint32_t index, uint32_t k) {
 }
 
 /* The texture of a layer that has heights; it has more texels than the layer, see depth_mix.h. */
-static bool create_by_depth(drawing *d, uint32_t index, uint32_t k, const float scale[4]) {
+static bool create_by_depth(drawing *d, uint32_t index, uint32_t k) {
   const slf_surface *surface = slf_get_surface(d->file, index);
   const slf_layer *shape = &surface->layers[k];
   texture *x = &d->surfaces[index].layers[k].by_depth;
@@ -264,7 +263,7 @@ static bool create_by_depth(drawing *d, uint32_t index, uint32_t k, const float 
   if (!texture_create(x, &surface->mesh, &drawn, source_of(d, index, k), d->options.dice_px))
     return false;
   x->depth = depth_mixer_create(shape, source_of(d, index, k), shape + 1,
-                                source_of(d, index, k + 1), scale, drawn.u_count, drawn.v_count);
+                                source_of(d, index, k + 1), surface, drawn.u_count, drawn.v_count);
   return x->depth;
 }
 
@@ -302,13 +301,12 @@ static bool create_surface(drawing *d, uint32_t index) {
       if (!upload_matte(d, index, k, shape)) return false;
       continue;
     }
-    float scale[4];
     if (!texture_create(&layer->four_tap, &surface->mesh, shape, source_of(d, index, k),
                         d->options.dice_px))
       return false;
     if (!d->options.source)
       texture_decode_ahead(&layer->four_tap, d->cache, (uint32_t)sysconf(_SC_NPROCESSORS_ONLN));
-    if (has_depth(surface, k, scale) && !create_by_depth(d, index, k, scale)) return false;
+    if (has_depth(surface, k) && !create_by_depth(d, index, k)) return false;
     choose_texture(d, index, k);
   }
   return true;

@@ -1,7 +1,7 @@
 # The viewer. Its core needs no GL and is what the unit tests link; GLFW, EGL and OSMesa are loaded
 # at run time, their headers are needed to build.
 VIEWER_CORE_OBJECTS := $(addprefix $(OBJ)/viewer/,uv_mesh.o angular_level.o block_cache.o resample.o depth_mix.o \
-  depth_pages.o depth_kernel.o depth_kernel_avx2.o texture.o mipmap.o \
+  depth_pages.o depth_frames.o depth_kernel.o depth_kernel_avx2.o texture.o mipmap.o \
   camera.o path.o ripple.o ripple_script.o water.o pick.o)
 VIEWER_OBJECTS := $(VIEWER_CORE_OBJECTS) $(addprefix $(OBJ)/viewer/,gl_api.o context.o context_egl.o \
   context_osmesa.o checked_file.o draw.o overlay.o maps.o truth.o video.o image.o window.o water_input.o slfview.o)

@@ -62,17 +62,16 @@ int main(int argc, char **argv) {
         break;
       }
   if (!s) return fprintf(stderr, "depth: %s: no surface has heights\n", argv[1]), 1;
-  float scale[4];
   const slf_layer *layer = &s->layers[k];
   block_cache *cache = block_cache_create(file, 1 << 18);
   texture four, depth;
-  if (!cache || !flat_texel_scale(&s->mesh, layer->u_count, layer->v_count, scale) ||
+  if (!cache ||
       !texture_create(&four, &s->mesh, layer, block_cache_layer(cache, index, k), UV_DICE_PX) ||
       !texture_create(&depth, &s->mesh, layer, block_cache_layer(cache, index, k), UV_DICE_PX) ||
       !(depth.depth = depth_mixer_create(layer, block_cache_layer(cache, index, k), layer + 1,
-                                         block_cache_layer(cache, index, k + 1), scale,
-                                         layer->u_count, layer->v_count)))
-    return fprintf(stderr, "depth: %s: out of memory, or not flat\n", argv[1]), 1;
+                                         block_cache_layer(cache, index, k + 1), s, layer->u_count,
+                                         layer->v_count)))
+    return fprintf(stderr, "depth: %s: out of memory\n", argv[1]), 1;
   double four_ns[ROUNDS], depth_ns[ROUNDS], ratio[ROUNDS], moving[ROUNDS];
   time_views(&four, file, 0), time_views(&depth, file, 0);
   for (int round = 0; round < ROUNDS; round++) {

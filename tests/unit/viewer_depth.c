@@ -112,6 +112,21 @@ static void compare_block(const mirror *light, const setting *how, uint32_t bloc
   }
 }
 
+/* 1 x 1 in the plane y = 0. */
+static slf_surface unit_square(void) {
+  static slf_vertex v[4];
+  static const uint32_t triangles[6] = {0, 1, 2, 2, 1, 3};
+  for (int i = 0; i < 4; i++)
+    v[i] = (slf_vertex){.position = {(float)(i % 2), 0, (float)(i / 2)},
+                        .normal = {0, 1, 0},
+                        .tangent_u = {1, 0, 0},
+                        .tangent_v = {0, 0, 1},
+                        .u = (float)(i % 2),
+                        .v = (float)(i / 2)};
+  return (slf_surface){
+      .mesh = {.vertices = v, .triangles = triangles, .vertex_count = 4, .triangle_count = 2}};
+}
+
 /* The whole mirror as an eye over its middle sees it. Texels count if what they reflect is clear of
  * the bar's edges and seen by all slices around. */
 static difference mix(setting how) {
@@ -120,11 +135,11 @@ static difference mix(setting how) {
       .u_count = TEXELS, .v_count = TEXELS, .s_count = DIRECTIONS, .t_count = DIRECTIONS};
   slf_layer height = layer;
   height.height_unit = (float)height_unit;
-  const float scale[4] = {TEXELS, 0, 0, TEXELS};
+  const slf_surface square = unit_square();
   uint32_t blocks = BLOCKS * how.fineness;
   depth_mixer *m = depth_mixer_create(&layer, (block_source){fetch, &light}, &height,
-                                      (block_source){fetch, &heights}, scale, TEXELS * how.fineness,
-                                      TEXELS * how.fineness);
+                                      (block_source){fetch, &heights}, &square,
+                                      TEXELS * how.fineness, TEXELS * how.fineness);
   difference sum = {0};
   assert_non_null(m);
   depth_mixer_use_kernel(m, how.kernel);
@@ -220,9 +235,9 @@ static void directions_outside_are_held(void **state) {
       .u_count = TEXELS, .v_count = TEXELS, .s_count = DIRECTIONS, .t_count = DIRECTIONS};
   slf_layer height = layer;
   height.height_unit = (float)height_unit;
-  const float scale[4] = {TEXELS, 0, 0, TEXELS};
+  const slf_surface square = unit_square();
   depth_mixer *m = depth_mixer_create(&layer, (block_source){fetch, &light}, &height,
-                                      (block_source){fetch, &heights}, scale, TEXELS, TEXELS);
+                                      (block_source){fetch, &heights}, &square, TEXELS, TEXELS);
   const float odd[] = {NAN, INFINITY, -INFINITY, 1e30f, -5, 2, 0, 1};
   block_directions d = {.mask = 0x7fffffffffffffff};
   uint16_t out[64 * 4];
