@@ -33,6 +33,7 @@
   X(glfwSetMouseButtonCallback)                                                                    \
   X(glfwSetScrollCallback)                                                                         \
   X(glfwSetDropCallback)                                                                           \
+  X(glfwSetWindowRefreshCallback)                                                                  \
   X(glfwSetClipboardString)                                                                        \
   X(glfwGetFramebufferSize)                                                                        \
   X(glfwGetWindowSize)                                                                             \
@@ -41,6 +42,7 @@
   X(glfwGetTime)                                                                                   \
   X(glfwSwapBuffers)                                                                               \
   X(glfwPollEvents)                                                                                \
+  X(glfwWaitEventsTimeout)                                                                         \
   X(glfwWindowShouldClose)                                                                         \
   X(glfwSetWindowShouldClose)
 
@@ -73,6 +75,7 @@ static struct {
   double cursor_x, cursor_y; /* of the latest cursor event: GLFW's own getter runs ahead of it */
   int button;                /* held down, or -1 */
   int width_px, height_px;   /* of the framebuffer */
+  bool changed;              /* something happened that the picture may show */
   water_input water;
 
   bool help, statistics, cache_map, slice_view;
@@ -108,6 +111,7 @@ __attribute__((format(printf, 1, 2))) static void tell(const char *format, ...) 
   vsnprintf(window.message, sizeof window.message, format, arguments);
   va_end(arguments);
   window.message_until_s = glfw.call.glfwGetTime() + 5;
+  window.changed = true;
 }
 
 /* An error goes to the window and to stderr. */
@@ -209,6 +213,7 @@ static slf_result show_file(checked_file *file, bool keep_view, slf_error *error
   maps_clear(&window.maps);
   map_first_shiny();
   window.settling = coarsest_level();
+  window.changed = true;
   apply_look();
   if (!keep_view) {
     static const slf_view from_far = {"", {0, 2, -5}, {0, 0, 0}, 60};
@@ -638,6 +643,7 @@ void window_print_bindings(FILE *out) {
 
 static void on_key(GLFWwindow *handle, int key, int scancode, int action, int mods) {
   (void)handle, (void)scancode, (void)mods;
+  window.changed = true;
   if (action == GLFW_RELEASE) return;
   for (int i = 0; i < BINDING_COUNT; i++)
     if (bindings[i].key == key && bindings[i].act) bindings[i].act();
@@ -645,6 +651,7 @@ static void on_key(GLFWwindow *handle, int key, int scancode, int action, int mo
 }
 
 static void on_cursor(GLFWwindow *handle, double x, double y) {
+  window.changed = true;
   float dx = (float)(x - window.cursor_x) * 0.005f, dy = (float)(y - window.cursor_y) * 0.005f;
   window.cursor_x = x;
   window.cursor_y = y;
@@ -656,6 +663,7 @@ static void on_cursor(GLFWwindow *handle, double x, double y) {
 }
 
 static void on_button(GLFWwindow *handle, int button, int action, int mods) {
+  window.changed = true;
   window.button = -1;
   water_release(&window.water);
   if (action != GLFW_PRESS) return;
@@ -671,7 +679,13 @@ static void on_button(GLFWwindow *handle, int button, int action, int mods) {
 
 static void on_scroll(GLFWwindow *handle, double x, double y) {
   (void)handle, (void)x;
+  window.changed = true;
   view_approach(&window.view, powf(0.9f, (float)y));
+}
+
+static void on_refresh(GLFWwindow *handle) {
+  (void)handle;
+  window.changed = true;
 }
 
 static bool held(int key) {
@@ -690,6 +704,29 @@ static void walk(float elapsed_s) {
   float up = step * (float)(held(GLFW_KEY_E) - held(GLFW_KEY_Q));
   float forward = step * (float)(held(GLFW_KEY_W) - held(GLFW_KEY_S));
   if (right != 0 || up != 0 || forward != 0) view_walk(&window.view, right, up, forward);
+}
+
+static bool walks(void) {
+  static const int keys[] = {GLFW_KEY_W, GLFW_KEY_A, GLFW_KEY_S,
+                             GLFW_KEY_D, GLFW_KEY_E, GLFW_KEY_Q};
+  for (size_t i = 0; i < sizeof keys / sizeof *keys; i++)
+    if (held(keys[i])) return true;
+  return false;
+}
+
+static bool has_water(void) {
+  for (uint32_t i = 0; i < slf_surface_count(shown()); i++)
+    if (drawing_water(window.drawing, i)) return true;
+  return false;
+}
+
+/* Whether the next frame differs from this one though nothing happens. */
+static bool goes_on(void) {
+  int width_px, height_px;
+  glfw.call.glfwGetFramebufferSize(window.handle, &width_px, &height_px);
+  return width_px != window.width_px || height_px != window.height_px || window.settling > 0 ||
+         window.statistics || window.recording || window.playing ||
+         (window.truth && window.psnr < 0) || walks() || has_water();
 }
 
 static slf_result advance_water(double elapsed_s, slf_error *error) {
@@ -771,10 +808,7 @@ static void show_help(overlay *o, float scale) {
     strcat(strcat(whats, bindings[i].what), "\n");
   }
   float width = show_keys(o, scale, 10 * scale, names, whats, BINDING_COUNT);
-  bool any_water = false;
-  for (uint32_t i = 0; i < slf_surface_count(shown()); i++)
-    any_water |= drawing_water(window.drawing, i) != NULL;
-  if (!any_water) return;
+  if (!has_water()) return;
   names[0] = whats[0] = 0;
   for (int i = 0; i < WATER_KEY_COUNT; i++) {
     water_key_name(&water_keys[i], name);
@@ -875,7 +909,7 @@ static void draw_overlays(void) {
     snprintf(text, sizeof text, "recording %.1f s", window.path_time_s);
     overlay_panel(o, 10 * scale, (float)window.height_px - 86 * scale, text);
   }
-  if (glfw.call.glfwGetTime() < window.message_until_s)
+  if (window.message_until_s > 0)
     overlay_panel(o, 10 * scale, (float)window.height_px - 60 * scale, window.message);
   overlay_finish(o);
 }
@@ -924,6 +958,7 @@ static slf_result draw_frame(slf_error *error) {
   /* A file shows at once as matte; each frame makes it crisper. */
   if (window.settling > window.look.detail) {
     window.settling--;
+    window.changed = true;
     apply_look();
   } else {
     window.settling = 0;
@@ -933,6 +968,7 @@ static slf_result draw_frame(slf_error *error) {
 
 slf_result window_run(const window_options *options, checked_file *opened, slf_error *error) {
   window.options = options;
+  window.changed = true;
   window.look = options->look;
   window.speed = 1;
   slf_result result = overlay_create(&window.overlay, error);
@@ -953,9 +989,14 @@ slf_result window_run(const window_options *options, checked_file *opened, slf_e
   glfw.call.glfwSetMouseButtonCallback(window.handle, on_button);
   glfw.call.glfwSetScrollCallback(window.handle, on_scroll);
   glfw.call.glfwSetDropCallback(window.handle, on_drop);
+  glfw.call.glfwSetWindowRefreshCallback(window.handle, on_refresh);
   double last_s = glfw.call.glfwGetTime(), watched_s = last_s;
   while (result == SLF_OK && !glfw.call.glfwWindowShouldClose(window.handle)) {
-    glfw.call.glfwPollEvents();
+    /* What stands still is not drawn again; a tenth of a second is soon enough for what follows. */
+    if (goes_on() || window.changed)
+      glfw.call.glfwPollEvents();
+    else
+      glfw.call.glfwWaitEventsTimeout(0.1);
     double now_s = glfw.call.glfwGetTime(), elapsed_s = now_s - last_s;
     last_s = now_s;
     window.frame_s = window.frame_s > 0 ? 0.9 * window.frame_s + 0.1 * elapsed_s : elapsed_s;
@@ -966,6 +1007,12 @@ slf_result window_run(const window_options *options, checked_file *opened, slf_e
       watched_s = now_s;
       watch_file();
     }
+    if (window.message_until_s > 0 && now_s > window.message_until_s) {
+      window.message_until_s = 0;
+      window.changed = true;
+    }
+    if (!goes_on() && !window.changed) continue;
+    window.changed = false;
     result = advance_water(elapsed_s, error);
     if (result == SLF_OK) result = draw_frame(error);
     glfw.call.glfwSwapBuffers(window.handle);
