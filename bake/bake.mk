@@ -7,8 +7,8 @@
 #   build/bake/NAME/look         the scene without comments and the lines that only name surfaces
 #   build/bake/NAME/light.*      caches of its radiosity and photons (if it has Slf_Radiosity, Slf_Photons)
 #   build/bake/NAME/surfaces.mk  what each surface needs, as rules; chunks.mk: the chunks
-#   build/bake/NAME/SURFACE/     surface.txt, rays (if curved), cover, choice (if auto), and the chunks
-#                                0000.exr ...: a few slices each, one below the other
+#   build/bake/NAME/SURFACE/     surface.txt, rays (if curved), cover, choice (if auto), cost (if not matte), and
+#                                the chunks 0000.exr ...: a few slices each, one below the other
 #   build/NAME.slf
 #
 # Files that others depend on (surface.txt, rays, cover, choice, look) keep their time when they come out the
@@ -104,6 +104,9 @@ $(addsuffix .made,$(CHOICES)): $(LIGHT) $(BAKE_DIR)/look bake/camera.c bake/samp
 	@bake/trace choice $(notdir $(@D)) $(@D)/choice.part
 	$(call keep_if_same,$(@D)/choice)
 
+$(COSTS): $(BAKE_DIR)/look | $(LIGHT) $(RAY_TABLES)
+	@bake/trace cost $(notdir $(@D)) $@
+
 $(CHUNKS): $(LIGHT) $(BAKE_DIR)/look $(addprefix bake/,camera.c frame.c surface.c cover.c sample.c layers.c image.c) | bake-begins
 	$(if $(BAKE_LIST),@echo $@,@bake/trace chunk $(notdir $(@D)) $(basename $(notdir $@)) $@)
 	$(if $(BAKE_LIST)$(FARM_TASK),,@$(BAKE_BIN)/progress report $(BAKE_DIR) $(BAKE_RAYS))
@@ -113,8 +116,8 @@ $(CHUNKS): $(LIGHT) $(BAKE_DIR)/look $(addprefix bake/,camera.c frame.c surface.
 # says how far all of them are.
 bake-chunks: $(CHUNKS)
 # All that chunks need, made here before a farm makes those.
-bake-ready: $(BAKE_DIR)/chunks.mk $(BAKE_DIR)/look $(RAY_TABLES) $(COVERS) $(CHOICES) $(LIGHT)
-bake-begins: | $(BAKE_DIR)/look $(RAY_TABLES) $(COVERS) $(LIGHT)
+bake-ready: $(BAKE_DIR)/chunks.mk $(BAKE_DIR)/look $(RAY_TABLES) $(COVERS) $(CHOICES) $(LIGHT) $(COSTS)
+bake-begins: | $(BAKE_DIR)/look $(RAY_TABLES) $(COVERS) $(LIGHT) $(COSTS)
 	$(if $(BAKE_LIST)$(FARM_TASK),,@$(BAKE_BIN)/progress begin $(BAKE_DIR) $(BAKE_RAYS))
 
 build/$(BAKE).slf: $(BAKE_BIN)/pack $(BAKE_DIR)/chunks.mk $(CHUNKS) $(wildcard $(BAKE_SCENE)/views)

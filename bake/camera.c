@@ -291,7 +291,7 @@ static void write_curved_camera(const shot *self) {
 
 int main(int argc, char **argv) {
   if (argc != 6 && argc != 8) {
-    fputs("usage: camera FOLDER SURFACE RAYS SCENE.pov CHUNK|cover|light|probe [FOG_DISTANCE "
+    fputs("usage: camera FOLDER SURFACE RAYS SCENE.pov CHUNK|cover|light|probe|cost [FOG_DISTANCE "
           "FOG_GREY]"
           " > OUT.pov\n",
           stderr);
@@ -313,15 +313,18 @@ int main(int argc, char **argv) {
       self.views = probe_views(rays), self.grid = probe_grid(on);
     else if (!strcmp(what, "light"))
       self.views = light_views(on, rays), self.grid = light_grid(on);
+    else if (!strcmp(what, "cost"))
+      self.views = light_views(on, rays), self.grid = cost_grid(on);
     else
       self.views = views_of_chunk(on, rays, (uint32_t)atoi(what));
   }
   self.table = table;
   self.sources = sources;
 
-  /* The size of the frame, for whoever calls POV-Ray. */
+  /* The size of the frame, for whoever calls POV-Ray, and the number of its rays. */
   frame_size(on, self.grid, &self.views, self.apart, &width, &height);
-  printf("// +W%u +H%u\n#version 3.7;\n#declare Slf_Pass = %d;\n", width, height,
+  printf("// +W%u +H%u\n// %u\n#version 3.7;\n#declare Slf_Pass = %d;\n", width, height,
+         self.grid.u_count * self.grid.v_count * self.views.view_count * rays,
          strcmp(what, "light") ? 3 : 4);
   printf("#declare Slf_Photon_Map = \"%s/light.photons\";\n#include \"%s\"\n", folder, argv[4]);
   if (argc == 8) printf("fog { fog_type 1 distance %s rgb %s }\n", argv[6], argv[7]);

@@ -85,6 +85,8 @@ static void write_preparations(FILE *out, const char *folder, const surface *sel
 static void write_chunks(FILE *out, const char *folder, const surface *self, uint32_t rays) {
   char *path = format_text("%s/%s", folder, self->name);
   bool curved = !self->planar;
+  if (self->s_count * self->t_count > 1)
+    fprintf(out, "COSTS += %s/cost\n%s/cost: %s/surface.txt %s/cover\n", path, path, path, path);
   for (uint32_t i = 0, chunk_count = surface_chunk_count(self, rays); i < chunk_count; i++)
     fprintf(out, "CHUNKS += %s/%04u.exr\n%s/%04u.exr: %s/surface.txt %s/cover%s%s%s%s%s%s\n", path,
             i, path, i, path, path, curved ? " " : "", curved ? path : "", curved ? "/rays" : "",

@@ -29,6 +29,10 @@ texel_grid light_grid(const surface *self) {
   return spread_grid(self, 4 * PROBE_MAX_TEXELS);
 }
 
+texel_grid cost_grid(const surface *self) {
+  return spread_grid(self, 8);
+}
+
 /* S and T of a test: Vogel's spiral over the disc of directions up to n = 0.3, even in area. */
 static void test_place(uint32_t test, double *S, double *T) {
   double radius = sqrt((test + 0.5) / PROBE_TEST_COUNT) * sqrt(1 - 0.3 * 0.3);

@@ -23,6 +23,9 @@ view_list probe_views(uint32_t rays);
 texel_grid light_grid(const surface *);
 view_list light_views(const surface *, uint32_t rays);
 
+/* What a chunk's rays cost is measured on: light_views of at most 8 x 8 texels. */
+texel_grid cost_grid(const surface *);
+
 /* Place of a test direction among the slices of N x N: the four slices' weights. Slice k of four is
  * (s + k % 2, t + k / 2); indices are clamped to the edge. */
 void probe_mix(uint32_t n, uint32_t test, slice slices[4], double weights[4]);

@@ -1,8 +1,9 @@
 /* progress - says what a bake will take, and how far it is: a bar on a terminal, a line a minute
  * elsewhere. A chunk is done when its file is there and no older than what it was made from.
  *
- * FOLDER/cost holds the microseconds that a ray of the scene's own camera took; FOLDER/begun, when
- * this bake began and how many rays were done by then. */
+ * FOLDER/SURFACE/cost holds the microseconds that one of the surface's rays took in a trial, of a
+ * matte one FOLDER/cost those of the scene's own camera; FOLDER/begun, when this bake began and how
+ * many rays were done by then. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,8 +14,9 @@
 #include "fail.h"
 #include "surface.h"
 
-/* POV-Ray reads about this long on a ray of a curved surface's camera (a face of a mesh). */
-static const double curved_ray_us = 5;
+/* Writing and reading a ray of a curved surface's camera, a face of a mesh, takes about this long.
+ */
+static const double curved_ray_us = 3;
 
 typedef struct {
   uint64_t rays, rays_done;
@@ -46,6 +48,9 @@ static void add_surface(tally *sum, const char *folder, const surface *self, uin
   double from = changed_at(path);
   free(path);
   if (from < look_at) from = look_at;
+  path = format_text("%s/%s", folder, self->name);
+  cost_us = number_in(path, "cost", cost_us);
+  free(path);
   uint64_t slice_rays = (uint64_t)self->u_count * self->v_count * rays;
   uint32_t slice_count, chunk_count = surface_chunk_count(self, rays);
   free(surface_slices(self, &slice_count));
