@@ -73,7 +73,7 @@ const water_key water_keys[WATER_KEY_COUNT] = {
     {']', "faster waves"},
     {'-', "less damping"},
     {'=', "more damping"},
-    {'F', "mirror, or water over a tinted bottom (Fresnel)"},
+    {'F', "mirror, or Fresnel over a tinted bottom"},
     {'N', "rippled, flat beside rippled, or slopes"},
     {'P', "rain, or none"},
 };

@@ -573,7 +573,8 @@ static void next_comparison(void) {
 /* ---- The table ---------------------------------------------------------------------------------
  */
 
-/* `act` is called when the key goes down; keys without it are asked for each frame (walk). */
+/* `act` is called when the key goes down; keys without it are asked for each frame (walk). A key
+ * without a name is told of with the one before. */
 typedef struct {
   int key;
   const char *name, *what;
@@ -583,33 +584,33 @@ typedef struct {
 static const binding bindings[] = {
     {GLFW_KEY_H, "H", "this help", toggle_help},
     {GLFW_KEY_ESCAPE, "Escape", "end", end},
-    {0, "left drag", "orbit; on water, disturb it (with shift: a ball)", NULL},
+    {0, "left drag", "orbit, or disturb water (shift: a ball)", NULL},
     {0, "right drag", "look around", NULL},
     {0, "wheel", "approach", NULL},
     {0, "W A S D", "walk", NULL},
     {0, "E Q", "rise, sink", NULL},
-    {GLFW_KEY_PAGE_DOWN, "PageDown", "slower", slower},
-    {GLFW_KEY_PAGE_UP, "PageUp", "faster", faster},
-    {GLFW_KEY_9, "9", "narrower field of view", narrower},
-    {GLFW_KEY_0, "0", "wider field of view", wider},
+    {GLFW_KEY_PAGE_DOWN, "PageDown Up", "slower, faster", slower},
+    {GLFW_KEY_PAGE_UP, NULL, NULL, faster},
+    {GLFW_KEY_9, "9 0", "narrower, wider field of view", narrower},
+    {GLFW_KEY_0, NULL, NULL, wider},
     {GLFW_KEY_R, "R", "back to the start", reset},
     {GLFW_KEY_V, "V", "next view of the file", next_view},
-    {GLFW_KEY_F4, "F4", "next file", next_file},
-    {GLFW_KEY_F3, "F3", "file before", previous_file},
+    {GLFW_KEY_F3, "F3 F4", "file before, next file", previous_file},
+    {GLFW_KEY_F4, NULL, NULL, next_file},
     {GLFW_KEY_I, "I", "statistics", toggle_statistics},
-    {GLFW_KEY_M, "M", "cache map: green cached, red decompressed now", toggle_cache_map},
+    {GLFW_KEY_M, "M", "cache map: green kept, red new this frame", toggle_cache_map},
     {GLFW_KEY_L, "L", "slice view", toggle_slice_view},
-    {GLFW_KEY_TAB, "Tab", "next layer or surface in map and slice view", next_layer},
-    {GLFW_KEY_LEFT, "Left", "slice: S down", slice_left},
-    {GLFW_KEY_RIGHT, "Right", "slice: S up", slice_right},
-    {GLFW_KEY_UP, "Up", "slice: T down", slice_up},
-    {GLFW_KEY_DOWN, "Down", "slice: T up", slice_down},
-    {GLFW_KEY_J, "J", "coarser angular level of detail", coarser},
-    {GLFW_KEY_K, "K", "finer angular level of detail", finer},
+    {GLFW_KEY_TAB, "Tab", "next layer in map and slice view", next_layer},
+    {GLFW_KEY_LEFT, "Left Right", "slice: S down, up", slice_left},
+    {GLFW_KEY_RIGHT, NULL, NULL, slice_right},
+    {GLFW_KEY_UP, "Up Down", "slice: T down, up", slice_up},
+    {GLFW_KEY_DOWN, NULL, NULL, slice_down},
+    {GLFW_KEY_J, "J K", "coarser, finer angular level of detail", coarser},
+    {GLFW_KEY_K, NULL, NULL, finer},
     {GLFW_KEY_B, "B", "reflections: by depth, or from four taps", toggle_mix},
     {GLFW_KEY_G, "G", "texture filter", toggle_filter},
-    {GLFW_KEY_F7, "F7", "darker", darker},
-    {GLFW_KEY_F8, "F8", "brighter", brighter},
+    {GLFW_KEY_F7, "F7 F8", "darker, brighter", darker},
+    {GLFW_KEY_F8, NULL, NULL, brighter},
     {GLFW_KEY_T, "T", "tone mapping", toggle_tone_map},
     {GLFW_KEY_F12, "F12", "screenshot", screenshot},
     {GLFW_KEY_C, "C", "copy the camera for POV-Ray", copy_camera},
@@ -619,7 +620,7 @@ static const binding bindings[] = {
     {GLFW_KEY_U, "U", "write the path, for POV-Ray too", export_path},
     {GLFW_KEY_DELETE, "Delete", "clear the path", clear_path},
     {GLFW_KEY_F5, "F5", "compare with POV-Ray, or stop", compare_with_povray},
-    {GLFW_KEY_F6, "F6", "comparison: split, side by side, difference", next_comparison},
+    {GLFW_KEY_F6, "F6", "split, side by side or difference", next_comparison},
 };
 
 enum { BINDING_COUNT = sizeof bindings / sizeof *bindings };
@@ -630,11 +631,11 @@ static void water_key_name(const water_key *k, char name[16]) {
 
 void window_print_bindings(FILE *out) {
   for (int i = 0; i < BINDING_COUNT; i++)
-    fprintf(out, "%-10s  %s\n", bindings[i].name, bindings[i].what);
+    if (bindings[i].name) fprintf(out, "%-11s  %s\n", bindings[i].name, bindings[i].what);
   for (int i = 0; i < WATER_KEY_COUNT; i++) {
     char name[16];
     water_key_name(&water_keys[i], name);
-    fprintf(out, "%-10s  water: %s\n", name, water_keys[i].does);
+    fprintf(out, "%-11s  water: %s\n", name, water_keys[i].does);
   }
 }
 
@@ -803,11 +804,14 @@ static float show_keys(overlay *o, float scale, float x, const char *names, cons
 
 static void show_help(overlay *o, float scale) {
   char names[1024] = "", whats[4096] = "", name[16];
+  int count = 0;
   for (int i = 0; i < BINDING_COUNT; i++) {
+    if (!bindings[i].name) continue;
+    count++;
     strcat(strcat(names, bindings[i].name), "\n");
     strcat(strcat(whats, bindings[i].what), "\n");
   }
-  float width = show_keys(o, scale, 10 * scale, names, whats, BINDING_COUNT);
+  float width = show_keys(o, scale, 10 * scale, names, whats, count);
   if (!has_water()) return;
   names[0] = whats[0] = 0;
   for (int i = 0; i < WATER_KEY_COUNT; i++) {
@@ -815,7 +819,7 @@ static void show_help(overlay *o, float scale) {
     strcat(strcat(names, name), "\n");
     strcat(strcat(whats, water_keys[i].does), "\n");
   }
-  show_keys(o, scale, 20 * scale + width, names, whats, WATER_KEY_COUNT);
+  show_keys(o, scale, 14 * scale + width, names, whats, WATER_KEY_COUNT);
 }
 
 /* A picture as large as fits into the right two thirds of the window, whole pixels a texel where it

@@ -20,8 +20,8 @@ build/slfview --help | options > "$out/help"
 sed 's/\\-/-/g' viewer/slfview.1 | options > "$out/man"
 check "help and man page name the same options" diff "$out/help" "$out/man"
 build/slfview --list-bindings > "$out/bindings"
-check "every key has one meaning" eval '[ -z "$(cut -c1-10 "$out/bindings" | sort | uniq -d)" ]'
-check "and says it" eval '! grep -vE "^.{10}  [^ ]" "$out/bindings"'
+check "every key has one meaning" eval '[ -z "$(cut -c1-11 "$out/bindings" | sort | uniq -d)" ]'
+check "and says it" eval '! grep -vE "^.{11}  [^ ]" "$out/bindings"'
 check "no file" refused "expected FILE.slf"
 check "no such option" refused "no such option" --nonsense x.slf
 check "a value that is none" refused "expected WIDTHxHEIGHT" --size 10 x.slf
