@@ -28,6 +28,11 @@ typedef struct {
   uint8_t kind;
 } memory;
 
+/* A slice is not followed that looks so far aslant that it would not be followed to this height, in
+ * units, or that has hardly any weight. */
+#define LEAST_REACH 0.1f
+#define LEAST_WITNESS 0.03f
+
 struct depth_mixer {
   depth_geometry geometry;
   float u_end, v_end; /* half a texel beyond the light's last */
@@ -244,6 +249,7 @@ static float meet_curved(depth_mixer *m, const ray *r, const neighbour *n) {
 static float meet(depth_mixer *m, const ray *r, const neighbour *n) {
   if (m->frames) return meet_curved(m, r, n);
   float d = fmaxf(fabsf(n->dx), fabsf(n->dy)), step = STEP_TEXELS / fmaxf(d, 1e-3f), h = 0;
+  if (MAX_STEPS * step < LEAST_REACH * m->unit || n->weight < LEAST_WITNESS) return -1;
   float code = code_at(m, n, r->x, r->y), last_code = code, last_open = 1;
   for (int k = 0; k < MAX_STEPS && code >= 0; k++) {
     float seen = height_of(m, code), open = seen - h;

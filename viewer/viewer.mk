@@ -32,8 +32,8 @@ demo: all ## Bake the pond at preview size and show it; without a display, film 
 	$(MAKE) --no-print-directory bake SCENE=pond
 	@viewer/demo $(OUT)/slfview build/pond.slf
 
-# The pond's bench draws.
-$(OUT)/bench/pond: $(OBJ)/tests/bench/pond.o $(filter-out %/slfview.o,$(VIEWER_OBJECTS)) $(LIBSLF)
+# Benches that draw.
+$(addprefix $(OUT)/bench/,pond depth): $(OUT)/bench/%: $(OBJ)/tests/bench/%.o $(filter-out %/slfview.o,$(VIEWER_OBJECTS)) $(LIBSLF)
 	@mkdir -p $(@D)
 	$(call say,link,$@)$(CC) $(ALL_CFLAGS) $^ $(ALL_LDFLAGS) -lpng -ldl -lm -o $@
 

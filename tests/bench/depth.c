@@ -1,58 +1,66 @@
-/* depth - what the mix by depth costs a texel against the four-tap mix, in one run.
+/* depth - what the mix by depth costs; prints one flat JSON object.
  *
- *   depth FILE.slf      prints one flat JSON object
+ *   depth mix FILE.slf    a texel of the file's first layer that has heights, against the four-tap
+ * mix of the same texels out of the same block cache, in flights from the file's views depth pond
+ * FILE.slf   whole frames of disturbed water, 640x480 with software GL
  *
- * Both make the same texels of the same layer, out of one block cache that holds all they read
- * (warm), and from file views moved a little each frame (moving). One thread. A ratio is the median
- * over rounds of times taken right after each other. */
+ * A flight is 9 frames, 0.02 units aside each; the first, which knows nothing of the heights, is
+ * told apart. Both mixes make each frame in turn, on one thread, what they read being decompressed.
+ */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
+#include "tests/bench/figures.h"
 #include "viewer/block_cache.h"
+#include "viewer/context.h"
+#include "viewer/draw.h"
+#include "viewer/gl_api.h"
 #include "viewer/texture.h"
 
-enum { ROUNDS = 5 };
+enum {
+  FRAMES = 8,
+  POND_FRAMES = 60,
+  MAX_VIEWS = 64,
+  ROOM = 1 << 18 /* blocks: all that is read */
+};
 
-/* Of the thread: what else runs on the machine does not count. */
-static double now_s(void) {
-  struct timespec t;
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+static void fail(const char *what) {
+  fprintf(stderr, "depth: %s\n", what);
+  exit(1);
 }
 
-static int by_value(const void *a, const void *b) {
-  double x = *(const double *)a, y = *(const double *)b;
-  return (x > y) - (x < y);
+/* Of this thread, so that what else runs does not count. */
+static double update_ns(texture *x, const camera *c) {
+  const double begin_s = clock_s(CLOCK_THREAD_CPUTIME_ID);
+  texture_update(x, c, (direction_bend){NULL, NULL});
+  return 1e9 * (clock_s(CLOCK_THREAD_CPUTIME_ID) - begin_s) / (64.0 * x->made_count);
 }
 
-static double median(double *values, int count) {
-  qsort(values, (size_t)count, sizeof *values, by_value);
-  return values[count / 2];
-}
+typedef struct {
+  double four_tap_ns, first_ns, ns; /* a texel: medians over frames */
+} flight;
 
-/* Nanoseconds a texel of all views of the file; step moves them. */
-static double time_views(texture *x, const slf_file *file, float step) {
-  double elapsed_s = 0, texels = 0;
-  for (uint32_t i = 0; i < slf_view_count(file); i++) {
-    slf_view view = *slf_get_view(file, i);
-    view.location[0] += step;
-    camera c = camera_of_view(&view, 640, 480);
-    double begin_s = now_s();
-    texture_update(x, &c, (direction_bend){NULL, NULL});
-    elapsed_s += now_s() - begin_s;
-    texels += 64.0 * x->made_count;
+static flight fly(texture *four_tap, texture *by_depth, slf_view view) {
+  double four_tap_ns[FRAMES], ns[FRAMES];
+  flight f = {0};
+  for (int i = 0; i <= FRAMES; i++) {
+    view.location[0] += 0.02f;
+    const camera c = camera_of_view(&view, 640, 480);
+    update_ns(four_tap, &c);
+    const double plain = update_ns(four_tap, &c), deep = update_ns(by_depth, &c);
+    if (i == 0)
+      f.first_ns = deep;
+    else
+      four_tap_ns[i - 1] = plain, ns[i - 1] = deep;
   }
-  return 1e9 * elapsed_s / texels;
+  f.four_tap_ns = median(four_tap_ns, FRAMES);
+  f.ns = median(ns, FRAMES);
+  return f;
 }
 
-int main(int argc, char **argv) {
-  slf_error error;
-  slf_file *file;
-  if (argc != 2) return fprintf(stderr, "depth: expected FILE.slf\n"), 2;
-  if (slf_open(argv[1], &file, &error) != SLF_OK)
-    return fprintf(stderr, "depth: %s\n", error.message), 1;
+static void measure_mix(const slf_file *file) {
   const slf_surface *s = NULL;
   uint32_t index = 0, k = 0;
   for (uint32_t i = 0; i < slf_surface_count(file) && !s; i++)
@@ -61,39 +69,94 @@ int main(int argc, char **argv) {
         s = slf_get_surface(file, index = i);
         break;
       }
-  if (!s) return fprintf(stderr, "depth: %s: no surface has heights\n", argv[1]), 1;
+  if (!s) fail("no surface has heights");
   const slf_layer *layer = &s->layers[k];
-  block_cache *cache = block_cache_create(file, 1 << 18);
-  texture four, depth;
-  if (!cache ||
-      !texture_create(&four, &s->mesh, layer, block_cache_layer(cache, index, k), UV_DICE_PX) ||
-      !texture_create(&depth, &s->mesh, layer, block_cache_layer(cache, index, k), UV_DICE_PX) ||
-      !(depth.depth = depth_mixer_create(layer, block_cache_layer(cache, index, k), layer + 1,
-                                         block_cache_layer(cache, index, k + 1), s, layer->u_count,
-                                         layer->v_count)))
-    return fprintf(stderr, "depth: %s: out of memory\n", argv[1]), 1;
-  double four_ns[ROUNDS], depth_ns[ROUNDS], ratio[ROUNDS], moving[ROUNDS];
-  time_views(&four, file, 0), time_views(&depth, file, 0);
-  for (int round = 0; round < ROUNDS; round++) {
-    four_ns[round] = time_views(&four, file, 0);
-    depth_ns[round] = time_views(&depth, file, 0);
-    ratio[round] = depth_ns[round] / four_ns[round];
-    float step = 0.02f * (float)(round + 1);
-    double plain = time_views(&four, file, step);
-    moving[round] = time_views(&depth, file, step) / plain;
+  block_cache *cache = block_cache_create(file, ROOM);
+  texture four_tap, by_depth;
+  if (!cache) fail("out of memory");
+  const block_source light = block_cache_layer(cache, index, k);
+  if (!texture_create(&four_tap, &s->mesh, layer, light, UV_DICE_PX) ||
+      !texture_create(&by_depth, &s->mesh, layer, light, UV_DICE_PX) ||
+      !(by_depth.depth =
+            depth_mixer_create(layer, light, layer + 1, block_cache_layer(cache, index, k + 1), s,
+                               layer->u_count, layer->v_count)))
+    fail("out of memory");
+  double four_tap_ns[MAX_VIEWS], ns[MAX_VIEWS], ratios[MAX_VIEWS], first[MAX_VIEWS];
+  size_t count = 0;
+  for (uint32_t i = 0; i < slf_view_count(file) && count < MAX_VIEWS; i++, count++) {
+    const flight f = fly(&four_tap, &by_depth, *slf_get_view(file, i));
+    four_tap_ns[count] = f.four_tap_ns, ns[count] = f.ns;
+    ratios[count] = f.ns / f.four_tap_ns, first[count] = f.first_ns / f.four_tap_ns;
   }
-  const depth_mix_counts *counts = depth_mixer_counts(depth.depth);
-  printf("{\n  \"depth_four_tap_ns_per_texel\": %.2f,\n  \"depth_ns_per_texel\": %.2f,\n"
-         "  \"depth_resample_vs_four_tap\": %.2f,\n  \"depth_resample_vs_four_tap_moving\": %.2f,\n"
-         "  \"depth_foretold_fraction\": %.5f,\n  \"depth_wide_fraction\": %.5f,\n  "
-         "\"depth_fallback_fraction\": %.5f\n}\n",
-         median(four_ns, ROUNDS), median(depth_ns, ROUNDS), median(ratio, ROUNDS),
-         median(moving, ROUNDS), (double)counts->foretold_count / (double)counts->texel_count,
-         (double)counts->wide_count / (double)counts->texel_count,
-         (double)counts->four_tap_count / (double)counts->texel_count);
-  texture_free(&four);
-  texture_free(&depth);
+  const depth_mix_counts *counts = depth_mixer_counts(by_depth.depth);
+  const double texels = (double)counts->texel_count;
+  print_figure("depth_four_tap_ns_per_texel", "", median(four_tap_ns, count));
+  print_figure("depth_ns_per_texel", "", median(ns, count));
+  print_figure("depth_resample_vs_four_tap", "", median(ratios, count));
+  print_figure("depth_resample_vs_four_tap_first_frame", "", median(first, count));
+  print_figure("depth_foretold_fraction", "", (double)counts->foretold_count / texels);
+  print_figure("depth_wide_fraction", "", (double)counts->wide_count / texels);
+  print_figure("depth_fallback_fraction", "", (double)counts->four_tap_count / texels);
+  texture_free(&four_tap);
+  texture_free(&by_depth);
   block_cache_free(cache);
+}
+
+/* Frames a second of water that a drop, a stroke and rain disturb, as bench/pond does it. */
+static double disturbed_fps(const slf_file *file, drawing_mix mix, size_t *mixed_count) {
+  slf_error error;
+  drawing *d;
+  double frames[POND_FRAMES];
+  const drawing_options options = {.cache_blocks = BLOCK_CACHE_DEFAULT, .dice_px = UV_DICE_PX};
+  if (drawing_create(file, options, &d, &error) != SLF_OK) fail(error.message);
+  drawing_look look = drawing_get_look(d);
+  look.mix = mix;
+  drawing_set_look(d, &look);
+  water *w = NULL;
+  for (uint32_t i = 0; i < slf_surface_count(file) && !w; i++) w = drawing_water(d, i);
+  if (!w) fail("a file without water");
+  const float size = fmaxf(w->rectangle.u_length, w->rectangle.v_length);
+  for (int i = -2; i < POND_FRAMES; i++) {
+    if (i == 0) {
+      ripple_drop(w->pond, 0.4f, 0.4f, size / 20, -size / 30);
+      ripple_stroke(w->pond, 0.2f, 0.7f, 0.8f, 0.6f, size / 30, size / 100);
+      ripple_rain(w->pond, 20, size / 32, -size / 80, 1);
+    }
+    const double begin_s = now_s();
+    if (water_advance(w, i < 0 ? 0 : 1 / 60.0, &error) != SLF_OK ||
+        drawing_render(d, slf_get_view(file, 0), 640, 480, -1, &error) != SLF_OK)
+      fail(error.message);
+    drawing_finish(d);
+    if (i >= 0) frames[i] = now_s() - begin_s;
+  }
+  *mixed_count = drawing_get_cost(d).texel_count;
+  drawing_free(d);
+  return 1 / median(frames, POND_FRAMES);
+}
+
+static void measure_pond(const slf_file *file) {
+  slf_error error;
+  size_t mixed;
+  if (context_open_osmesa(&error) != SLF_OK) fail(error.message);
+  print_figure("pond_fps_disturbed_256_depth", "", disturbed_fps(file, MIX_DEPTH, &mixed));
+  print_figure("pond_disturbed_256_depth_texels", "", (double)mixed);
+  print_figure("pond_fps_disturbed_256_depth_four_tap", "",
+               disturbed_fps(file, MIX_FOUR_TAP, &mixed));
+  context_close_osmesa();
+}
+
+int main(int argc, char **argv) {
+  slf_error error;
+  slf_file *file;
+  const bool pond = argc == 3 && !strcmp(argv[1], "pond");
+  if (!pond && !(argc == 3 && !strcmp(argv[1], "mix")))
+    return fprintf(stderr, "depth: expected mix or pond, and FILE.slf\n"), 2;
+  if (slf_open(argv[2], &file, &error) != SLF_OK) fail(error.message);
+  if (pond)
+    measure_pond(file);
+  else
+    measure_mix(file);
+  end_figures();
   slf_close(file);
   return 0;
 }
