@@ -121,33 +121,43 @@ static void begin(const char *folder, const char *name, uint32_t rays) {
   free(path);
 }
 
+/* Whether it is time for a line where there is no terminal: a minute after the last. */
+static bool line_is_due(const char *said_path, double began) {
+  return now() - began >= 60 && now() - changed_at(said_path) >= 60;
+}
+
+static void print_progress(const tally *sum, const char *name, double left_s, bool terminal) {
+  char *left = format_time(left_s);
+  double fraction = (double)sum->rays_done / (double)sum->rays;
+  bool done = sum->chunks_done == sum->chunks;
+  char bar[31] = "..............................";
+  memset(bar, '#', (size_t)(fraction * 30));
+  if (terminal)
+    fprintf(stderr, "\rbake %s [%s] %3.0f %%, %s left \033[K%s", name, bar, fraction * 100, left,
+            done ? "\n" : "");
+  else
+    fprintf(stderr, "bake %s: %.0f %%, %u of %u chunks, %s left\n", name, fraction * 100,
+            sum->chunks_done, sum->chunks, left);
+  free(left);
+}
+
 static void report(const char *folder, const char *name, uint32_t rays) {
   char *path = format_text("%s/begun", folder), *said = format_text("%s/said", folder);
   FILE *file = fopen(path, "r");
   double began;
   unsigned long long rays_before;
-  if (!file || fscanf(file, "%lf %llu", &began, &rays_before) != 2) return;
-  fclose(file);
   bool terminal = isatty(STDERR_FILENO);
-  if (!terminal && now() - changed_at(said) < 60 && now() - began >= 60) return;
-  if (!terminal && now() - began < 60) return;
-  uint32_t surface_count;
-  tally sum = count(folder, rays, &surface_count);
-  double rate = (double)(sum.rays_done - rays_before) / (now() - began);
-  char *left = format_time((double)(sum.rays - sum.rays_done) / (rate > 1 ? rate : 1));
-  double fraction = (double)sum.rays_done / (double)sum.rays;
-  if (terminal) {
-    char bar[31] = "..............................";
-    memset(bar, '#', (size_t)(fraction * 30));
-    fprintf(stderr, "\rbake %s [%s] %3.0f %%, %s left \033[K%s", name, bar, fraction * 100, left,
-            sum.chunks_done == sum.chunks ? "\n" : "");
-  } else {
-    fprintf(stderr, "bake %s: %.0f %%, %u of %u chunks, %s left\n", name, fraction * 100,
-            sum.chunks_done, sum.chunks, left);
-    file = fopen(said, "w");
-    if (file) fclose(file);
+  if (file && fscanf(file, "%lf %llu", &began, &rays_before) == 2 &&
+      (terminal || line_is_due(said, began))) {
+    uint32_t surface_count;
+    tally sum = count(folder, rays, &surface_count);
+    double rate = (double)(sum.rays_done - rays_before) / (now() - began);
+    print_progress(&sum, name, (double)(sum.rays - sum.rays_done) / (rate > 1 ? rate : 1),
+                   terminal);
+    FILE *mark = fopen(said, "w");
+    if (mark) fclose(mark);
   }
-  free(left);
+  if (file) fclose(file);
   free(said);
   free(path);
 }

@@ -15,7 +15,7 @@ ok() { count=$((count + 1)); echo "ok $count - $1"; }
 not_ok() { count=$((count + 1)); echo "not ok $count - $1"; [ ! -s "$root/log" ] || sed 's/^/# /' "$root/log"; }
 check() { if eval "$2"; then ok "$1"; else not_ok "$1"; fi; }
 chunks() { find build/bake/robust -name '0*.exr' | sort; }
-echo 1..13
+echo 1..14
 
 # The undisturbed bake.
 start=$(date +%s%N)
@@ -23,6 +23,9 @@ bake > "$root/log" 2>&1
 took_ms=$((($(date +%s%N) - start)/1000000))
 check "an undisturbed bake" '[ -s build/robust.slf ]'
 cp build/robust.slf "$root/undisturbed.slf"
+
+bake NAME=robust-asan CONFIG=asan > "$root/log" 2>&1
+check "the same under the sanitizers" 'cmp build/robust-asan.slf "$root/undisturbed.slf"'
 
 # Killed again and again at random moments of its time, until 20 kills have hit; whenever a run gets
 # through before its kill, the next begins from nothing.
