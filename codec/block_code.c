@@ -38,10 +38,18 @@ static bool is_small(int32_t level) {
   return level >= -FAST_MAX_LEVEL && level <= FAST_MAX_LEVEL;
 }
 
+/* A level that the window does not show whole, or a large one. */
+static uint32_t large_entry(const huffman_decoder *decoder, uint32_t window) {
+  unsigned bits, symbol = huffman_read(decoder, 1, window << (16 - FAST_BITS), &bits);
+  unsigned size = symbol & 15;
+  if (bits == 0 || bits > FAST_BITS || size == 0) return 0;
+  return ((symbol >> 4) + 1) << 6 | bits << 13 | size << 18;
+}
+
 static uint32_t ac_entry(const huffman_decoder *decoder, const huffman_decoder *later,
                          uint32_t window) {
   ac_token first = token_in_window(decoder, window, FAST_BITS);
-  if (first.taken == 0 || !is_small(first.level)) return 0;
+  if (first.taken == 0 || !is_small(first.level)) return large_entry(decoder, window);
   if (first.end) return first.taken | FAST_END | 64u << 6;
   unsigned taken = first.taken, step = 0, left = FAST_BITS - first.taken;
   int32_t level = 0;

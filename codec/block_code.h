@@ -64,8 +64,10 @@ static inline int32_t extend(uint32_t value, unsigned size) {
 /* An AC entry holds as many whole levels as FAST_BITS show, two at most, small ones: bits 0-4 how
  * many bits they take, 0 if none is whole; 5 the channel ends here; 6-12 and 13-17 how far each
  * lies behind the one before (0: there is no second; 64: no first, the channel ends); 18-24 and
- * 25-31 the levels. A DC entry: bits 0-4 bits taken, 0 if more than FAST_DC_BITS; 16-31 the level.
- * Small entries: the tables of a scheme fit in a first-level cache. */
+ * 25-31 the levels. Where none is whole, but the first one's code is: 6-12 how far it lies, 13-17
+ * how many bits the code takes, 18-21 and then the level. A DC entry: bits 0-4 bits taken, 0 if
+ * more than FAST_DC_BITS; 16-31 the level. Small entries: the tables of a scheme fit in a
+ * first-level cache. */
 enum { FAST_END = 1 << 5, FAST_MAX_LEVEL = 63 };
 static inline unsigned fast_taken(uint32_t entry) {
   return entry & 31;
@@ -75,6 +77,12 @@ static inline unsigned fast_step(uint32_t entry) {
 }
 static inline unsigned fast_second_step(uint32_t entry) {
   return entry >> 13 & 31;
+}
+static inline unsigned large_code_bits(uint32_t entry) {
+  return entry >> 13 & 31;
+}
+static inline unsigned large_size(uint32_t entry) {
+  return entry >> 18 & 15;
 }
 static inline int32_t fast_level(uint32_t entry) {
   return (int32_t)(entry << 7) >> 25;

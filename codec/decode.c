@@ -5,21 +5,6 @@
 
 /* ---- Entries ------------------------------------------------------------------------------- */
 
-/* A block in a stream. */
-typedef struct {
-  const layer_stream *stream;
-  uint64_t entry;
-  uint32_t number;      /* in its entry */
-  uint32_t slice_count; /* blocks a place */
-} block_site;
-
-static inline block_site site_of(const layer_stream *stream, uint32_t unit, uint64_t place,
-                                 uint32_t slice_count, uint32_t slice) {
-  uint32_t run = (uint32_t)place & (stream->run_places - 1);
-  return (block_site){stream, unit * stream->entries_per_unit + (place >> stream->run_log2),
-                      run * slice_count + slice, slice_count};
-}
-
 /* An entry that is being read. What follows in it goes on from here. */
 typedef struct {
   const layer_stream *stream; /* NULL: none */
@@ -30,7 +15,7 @@ typedef struct {
   entry_state state;
 } entry_reader;
 
-static inline void begin_at(entry_reader *r, const block_site *site, uint64_t bit) {
+static inline void begin_at(entry_reader *r, const entry_site *site, uint64_t bit) {
   r->stream = site->stream;
   r->entry = site->entry;
   r->next = 0;
@@ -41,7 +26,7 @@ static inline void begin_at(entry_reader *r, const block_site *site, uint64_t bi
 
 /* Passes over blocks up to a block, or if that leans on them, back to the one it stands on. Where
  * nothing passed over is such a one, it is the block read last, whose levels are at hand. */
-static bool skip_to(entry_reader *r, const block_site *site) {
+static bool skip_to(entry_reader *r, const entry_site *site) {
   const block_tables *tables = r->stream->tables;
   uint32_t number = site->number, place_begin = number - number % site->slice_count;
   r->has_levels = false;
@@ -71,7 +56,7 @@ static bool skip_to(entry_reader *r, const block_site *site) {
 }
 
 /* Reads up to a block; a damaged entry ends early, with what was read. */
-static inline void read_up_to(entry_reader *r, const block_site *site) {
+static inline void read_up_to(entry_reader *r, const entry_site *site) {
   /* One block on, with its predecessor's levels at hand: just read it. */
   if (!(r->has_levels || site->number == 0) || r->next != site->number) {
     if (!skip_to(r, site)) {
@@ -91,7 +76,7 @@ static inline void read_up_to(entry_reader *r, const block_site *site) {
   }
 }
 
-static void read_block(entry_reader *r, const block_site *site) {
+static void read_block(entry_reader *r, const entry_site *site) {
   if (r->stream != site->stream || r->entry != site->entry || r->next > site->number)
     begin_at(r, site, stream_find(&site->stream->blocks, site->entry));
   read_up_to(r, site);
@@ -112,19 +97,28 @@ static void add_levels(const int16_t prediction[3][COEFFICIENTS], const entry_st
                         gain * (uint32_t)state->levels[c][i]);
 }
 
+static const fine_block *stored_block(const block_store *store, uint64_t i) {
+  return atomic_load_explicit(&store->states[i], memory_order_acquire) == 2
+             ? (const fine_block *)&store->blocks[i]
+             : NULL;
+}
+
+static void store_block(const block_store *store, uint64_t i, const fine_block *block) {
+  uint8_t absent = 0; /* where another thread came first, it writes the same */
+  if (!atomic_compare_exchange_strong(&store->states[i], &absent, 1)) return;
+  memcpy(store->blocks[i], *block, sizeof *block);
+  atomic_store_explicit(&store->states[i], 2, memory_order_release);
+}
+
 /* The base's block: the layer's own copy, or if that is not there yet, scratch. */
 static const fine_block *get_base(const layer_state *layer, uint64_t place, fine_block *scratch) {
-  _Atomic uint8_t *done = &layer->base_states[place];
-  if (atomic_load_explicit(done, memory_order_acquire) == 2) return &layer->base[place];
+  const fine_block *stored = stored_block(&layer->base, place);
+  if (stored) return stored;
   entry_reader reader = {0};
-  block_site site = site_of(&layer->streams[STREAM_BASE], 0, place, 1, 0);
+  entry_site site = site_in_unit(&layer->streams[STREAM_BASE], 0, place, 1, 0);
   read_block(&reader, &site);
   add_levels(NULL, &reader.state, layer->gains[STREAM_BASE], *scratch);
-  uint8_t absent = 0; /* where another thread came first, it writes the same */
-  if (atomic_compare_exchange_strong(done, &absent, 1)) {
-    memcpy(layer->base[place], *scratch, sizeof *scratch);
-    atomic_store_explicit(done, 2, memory_order_release);
-  }
+  store_block(&layer->base, place, (const fine_block *)scratch);
   return scratch;
 }
 
@@ -135,7 +129,8 @@ static void decode_base(const layer_state *layer, uint64_t place, fine_block fin
 
 static void read_key(const layer_state *layer, uint32_t group, uint64_t place, entry_reader *reader,
                      fine_block fine) {
-  block_site site = site_of(&layer->streams[STREAM_KEYS], layer->group_ranks[group], place, 1, 0);
+  entry_site site =
+      site_in_unit(&layer->streams[STREAM_KEYS], layer->group_ranks[group], place, 1, 0);
   fine_block scratch;
   const fine_block *base = NULL;
   read_block(reader, &site);
@@ -165,13 +160,19 @@ static void memo_begin(key_memo *memo) {
 
 static const fine_block *get_key(const layer_state *layer, uint32_t group, uint64_t place,
                                  key_memo *memo) {
+  uint64_t at = layer->group_ranks[group] * layer_place_count(layer) + place;
+  if (layer->keys.blocks) {
+    const fine_block *stored = stored_block(&layer->keys, at);
+    if (stored) return stored;
+  }
   uint64_t tag = (place << 12 | group) + 1; /* there are at most 64 x 64 groups */
   uint32_t slot = group % layer->group_s_count % 4 + group / layer->group_s_count % 4 * 4;
   if (memo->tags[slot] != tag) {
     memo->tags[slot] = tag;
     read_key(layer, group, place, &memo->readers[slot], memo->keys[slot]);
+    if (layer->keys.blocks) store_block(&layer->keys, at, (const fine_block *)&memo->keys[slot]);
   }
-  return &memo->keys[slot];
+  return (const fine_block *)&memo->keys[slot];
 }
 
 static void mix_keys(const layer_state *layer, uint32_t s, uint32_t t, uint64_t place,
@@ -255,24 +256,12 @@ static void decoder_begin(decoder *d, const layer_state *layer) {
   memo_begin(&d->memo);
 }
 
-static inline block_site site_of_slice(const layer_state *layer, uint32_t s, uint32_t t,
-                                       uint64_t place) {
-  if (layer_is_key(layer, s, t)) {
-    uint32_t group = layer_group(layer, s, t);
-    return site_of(&layer->streams[STREAM_KEYS], layer->group_ranks[group], place, 1, 0);
-  }
-  uint32_t quad = t / 2 * layer->quad_s_count + s / 2;
-  unsigned slices = layer->quad_slices[quad];
-  return site_of(&layer->streams[STREAM_REST], layer->quad_ranks[quad], place,
-                 (uint32_t)__builtin_popcount(slices),
-                 (uint32_t)__builtin_popcount(slices & ((1u << quad_place(s, t)) - 1)));
-}
-
 /* The slice of the block that the entry's state stands on. */
-static void anchor_slice(const layer_state *layer, const entry_reader *r, uint32_t slice_count,
+static void anchor_slice(const layer_state *layer, const entry_reader *r, const entry_site *site,
                          uint32_t *s, uint32_t *t) {
   unsigned left = layer->quad_slices[*t / 2 * layer->quad_s_count + *s / 2];
-  for (unsigned i = r->state.anchor % slice_count; i; i--) left &= left - 1;
+  for (unsigned i = site->first_slice + r->state.anchor % site->slice_count; i; i--)
+    left &= left - 1;
   unsigned q = (unsigned)__builtin_ctz(left);
   *s = (*s & ~1u) + (q == 1 || q == 2);
   *t = (*t & ~1u) + (q >= 2);
@@ -280,14 +269,14 @@ static void anchor_slice(const layer_state *layer, const entry_reader *r, uint32
 
 /* What the rest's state at slice (s, t) is added to: NULL for nothing. A shift wants the base, and
  * what it moves in channels on top; *group is its key's. */
-static const fine_block *get_prediction(decoder *d, const block_site *site, uint32_t s, uint32_t t,
+static const fine_block *get_prediction(decoder *d, const entry_site *site, uint32_t s, uint32_t t,
                                         uint64_t place, uint32_t *group, fine_block *scratch) {
   const layer_state *layer = d->layer;
   predictor how = d->rest.state.predictor;
   if (how == PREDICT_INTRA || !layer_has(layer, STREAM_BASE)) return NULL;
   if (how == PREDICT_BASE) return get_base(layer, place, scratch);
   if (!layer_has(layer, STREAM_KEYS)) return NULL;
-  anchor_slice(layer, &d->rest, site->slice_count, &s, &t);
+  anchor_slice(layer, &d->rest, site, &s, &t);
   *group = layer_group(layer, s, t);
   if (how == PREDICT_SHIFT) return get_base(layer, place, scratch);
   if (how == PREDICT_KEY) return get_key(layer, *group, place, &d->memo);
@@ -311,7 +300,7 @@ static void decode_chain(const layer_state *layer, uint32_t s, uint32_t t, uint6
   for (uint32_t at = layer_chain_start(layer, s, t); at <= s; at++) {
     entry_reader reader = {0};
     float shifted[3][COEFFICIENTS];
-    block_site site = site_of_slice(layer, at, t, place);
+    entry_site site = site_of_slice(layer, at, t, place);
     read_block(&reader, &site);
     bool moves = reader.state.predictor == PREDICT_SHIFT;
     if (moves) shift_channels(channels, reader.state.shift_u, reader.state.shift_v, shifted);
@@ -321,7 +310,7 @@ static void decode_chain(const layer_state *layer, uint32_t s, uint32_t t, uint6
 }
 
 /* A block whose entry was read up to it. Codes where u_block is not NULL, else channels. */
-static void finish_block(decoder *d, const block_site *site, uint32_t s, uint32_t t, uint64_t place,
+static void finish_block(decoder *d, const entry_site *site, uint32_t s, uint32_t t, uint64_t place,
                          uint8_t *u_block, float channels[3][COEFFICIENTS]) {
   const layer_state *layer = d->layer;
   fine_block scratch;
@@ -344,7 +333,7 @@ static void finish_block(decoder *d, const block_site *site, uint32_t s, uint32_
 }
 
 /* Any existing block, in codes or channels; site is its own, bit where its entry begins. */
-static void decode_at(decoder *d, uint32_t s, uint32_t t, uint64_t place, const block_site *site,
+static void decode_at(decoder *d, uint32_t s, uint32_t t, uint64_t place, const entry_site *site,
                       uint64_t bit, uint8_t *u_block, float channels[3][COEFFICIENTS]) {
   static const entry_state nothing = {.ac_flags = 7};
   const layer_state *layer = d->layer;
@@ -371,7 +360,7 @@ static void decode_channels(const layer_state *layer, uint32_t s, uint32_t t, ui
   }
   decoder d;
   decoder_begin(&d, layer);
-  block_site site = site_of_slice(layer, s, t, place);
+  entry_site site = site_of_slice(layer, s, t, place);
   decode_at(&d, s, t, place, &site, stream_find(&site.stream->blocks, site.entry), NULL, channels);
 }
 
@@ -382,7 +371,7 @@ static void decode_channels(const layer_state *layer, uint32_t s, uint32_t t, ui
 enum { AHEAD_DIRECTORY = 12, AHEAD_SEGMENT = 8, AHEAD_BITS = 4, RING = 16 };
 
 typedef struct {
-  block_site site;
+  entry_site site;
   uint64_t place, bit;
   bool exists;
   bool follows; /* in the entry of the block before */

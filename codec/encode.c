@@ -17,7 +17,7 @@ enum {
   SAMPLED_UNITS = 24,    /* the codes are made from places of so many units, */
   SAMPLED_PLACES = 3072, /* so many places in all, */
   TRAINING_ROUNDS = 3,   /* coded so often, each time with the codes of the time before */
-  ENTRIES_A_TASK = 16
+  GROUPS_A_TASK = 16
 };
 
 /* What a bit is worth in squared steps. At high rate the slope of error against rate is
@@ -439,28 +439,36 @@ static bool is_sampled_alone(const block_site *site, bool measured) {
          layer_chain_start(layer, site->s, site->t) != site->s;
 }
 
-/* Chooses and puts a place's blocks. Returns their squared error where `measured`: the slices are
- * then the encoder's own. */
+/* A place's first block leans on none before it, and in an entry of its own it begins anew. */
+static void begin_part(place_state *state, int width) {
+  state->has_previous = false;
+  if (width < QUAD_SLICES) memset(state->intra_dc, 0, sizeof state->intra_dc);
+}
+
+/* Chooses and puts a place's blocks, each part's to its own sink. Returns their squared error where
+ * `measured`: the slices are then the encoder's own. */
 static uint64_t put_place(const layer_encoder *e, stream_kind kind, const unit_slices *unit,
-                          uint64_t place, coefficients *blocks, const symbol_sink *sink,
+                          uint64_t place, coefficients *blocks, const symbol_sink *sinks,
                           bool measured, place_state *state) {
   bool motion = e->layer.public.angular == SLF_ANGULAR_MOTION;
   block_choice choices[QUAD_SLICES];
   uint64_t error = 0;
-  state->has_previous = false;
+  int width = QUAD_SLICES >> e->layer.streams[kind].parts_log2;
   /* Motion goes along S, from column to column; else each block may lean on the one before. */
   for (int column = 0; column < 2; column++)
     for (int i = 0; i < unit->slice_count; i++) {
       if (motion ? (int)(unit->s[i] & 1) != column : column) continue;
       block_site site = site_at(e, kind, unit, i, place);
+      if (i % width == 0) begin_part(state, width);
       choose_block(&site, blocks[i], state, &choices[i]);
       if (motion) keep_decoded(&site, state);
       if (measured) error += block_error(e, e->slices[i], place, state->previous);
-      if (!motion) put_block(sink, &choices[i], state);
+      if (!motion) put_block(&sinks[i / width], &choices[i], state);
     }
   for (int i = 0; motion && i < unit->slice_count; i++) {
     block_site site = site_at(e, kind, unit, i, place);
-    if (!is_sampled_alone(&site, measured)) put_block(sink, &choices[i], state);
+    if (i % width == 0) begin_part(state, width);
+    if (!is_sampled_alone(&site, measured)) put_block(&sinks[i / width], &choices[i], state);
   }
   return error;
 }
@@ -525,12 +533,13 @@ static void count_places(void *context, uint64_t task) {
   training *tr = context;
   uint64_t end =
       (task + 1) * PLACES_A_TASK < tr->place_count ? (task + 1) * PLACES_A_TASK : tr->place_count;
-  symbol_sink sink = {tr->encoder->encoders, tr->counts[task], NULL};
+  symbol_sink counter = {tr->encoder->encoders, tr->counts[task], NULL};
+  symbol_sink sinks[QUAD_SLICES] = {counter, counter, counter, counter};
   for (uint64_t i = task * PLACES_A_TASK; i < end; i++) {
     coefficients left[2] = {{{0}}};
     place_state state = {.left = {left[0], left[1]}};
     put_place(tr->encoder, tr->kind, &tr->places[i].unit, tr->places[i].place, tr->places[i].blocks,
-              &sink, false, &state);
+              sinks, false, &state);
   }
 }
 
@@ -576,9 +585,13 @@ static void choose_run(layer_encoder *e, stream_kind kind, uint64_t counts[CODE_
       unsigned magnitude = code >= CODE_DC ? s & 15u : 0;
       bits += (double)counts[code][s] * (e->encoders[code].bits[s] + magnitude);
     }
-  unsigned log2 = 0;
-  while (log2 < MAX_RUN_LOG2 && bits / (double)place_count * (1u << log2) < ENTRY_BITS) log2++;
-  layer_set_run(&e->layer, kind, log2);
+  bits /= (double)place_count;
+  uint32_t run_log2 = 0, parts_log2 = 0;
+  while (run_log2 < MAX_RUN_LOG2 && bits * (1u << run_log2) < ENTRY_BITS) run_log2++;
+  while (kind == STREAM_REST && parts_log2 < MAX_PARTS_LOG2 &&
+         bits / (2u << parts_log2) > ENTRY_BITS)
+    parts_log2++;
+  layer_set_run(&e->layer, kind, run_log2, parts_log2);
 }
 
 static slf_result train(layer_encoder *e, training *tr, slf_error *error) {
@@ -630,16 +643,20 @@ static void put_entries(void *context, uint64_t index) {
   uint64_t error = 0;
   uint64_t places = layer_place_count(&e->layer);
   uint32_t run = e->layer.streams[task->kind].run_places;
-  for (uint64_t entry = index * ENTRIES_A_TASK;
-       entry < (index + 1) * ENTRIES_A_TASK && entry < task->entry_count; entry++) {
-    symbol_sink sink = {e->encoders, NULL, &task->entries[entry]};
+  uint32_t parts_log2 = e->layer.streams[task->kind].parts_log2;
+  uint64_t group_count = task->entry_count >> parts_log2;
+  for (uint64_t group = index * GROUPS_A_TASK;
+       group < (index + 1) * GROUPS_A_TASK && group < group_count; group++) {
+    symbol_sink sinks[QUAD_SLICES];
+    for (uint32_t part = 0; part < 1u << parts_log2; part++)
+      sinks[part] = (symbol_sink){e->encoders, NULL, &task->entries[(group << parts_log2) + part]};
     place_state state = {0};
-    for (uint64_t place = entry * run; place < (entry + 1) * run && place < places; place++) {
+    for (uint64_t place = group * run; place < (group + 1) * run && place < places; place++) {
       coefficients blocks[QUAD_SLICES];
       transform_place(task, place, blocks);
       for (int i = 0; i < 2 && e->left[i]; i++) state.left[i] = e->left[i][place];
       bool measured = task->kind != STREAM_BASE;
-      error += put_place(e, task->kind, &task->unit, place, blocks, &sink, measured, &state);
+      error += put_place(e, task->kind, &task->unit, place, blocks, sinks, measured, &state);
     }
   }
   atomic_fetch_add(&e->squared_error, error);
@@ -652,7 +669,7 @@ static slf_result put_unit(unit_task *task, stream_writer *writer, slf_error *er
   if (!task->entries)
     return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for %" PRIu64 " entries", e->name,
                     task->entry_count);
-  parallel_for(e->thread_count, (task->entry_count + ENTRIES_A_TASK - 1) / ENTRIES_A_TASK,
+  parallel_for(e->thread_count, (task->entry_count + GROUPS_A_TASK - 1) / GROUPS_A_TASK,
                put_entries, task);
   for (uint64_t i = 0; i < task->entry_count; i++) {
     stream_put(writer, &task->entries[i]);
@@ -784,7 +801,7 @@ static slf_result put_header(const layer_state *layer, encoded_layer *encoded, c
     if (!layer_has(layer, kind)) continue;
     const layer_stream *stream = &layer->streams[kind];
     at[0] = (uint8_t)layer->gains[kind];
-    at[1] = (uint8_t)stream->run_log2;
+    at[1] = (uint8_t)(stream->run_log2 | stream->parts_log2 << 4);
     unsigned used = 0;
     for (int i = 0; i < CODE_COUNT; i++)
       used |= (unsigned)(stream->codes.codes[i].symbol_count > 0) << i;

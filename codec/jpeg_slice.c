@@ -22,18 +22,14 @@ static void leave(j_common_ptr c) {
 /* Levels of a block: channels in JPEG's row-major order. */
 static void read_levels(const layer_state *layer, uint32_t s, uint32_t t, uint64_t place,
                         JCOEF levels[3][COEFFICIENTS]) {
-  const layer_stream *stream = &layer->streams[STREAM_REST];
-  uint32_t quad = t / 2 * layer->quad_s_count + s / 2;
-  unsigned slices = layer->quad_slices[quad], slice_count = (unsigned)__builtin_popcount(slices);
-  unsigned number = (unsigned)__builtin_popcount(slices & ((1u << quad_place(s, t)) - 1));
-  number += (unsigned)(place & (stream->run_places - 1)) * slice_count;
-  uint64_t entry = layer->quad_ranks[quad] * stream->entries_per_unit + (place >> stream->run_log2);
+  entry_site site = site_of_slice(layer, s, t, place);
+  const block_stream *blocks = &site.stream->blocks;
   bit_reader reader;
   entry_state state;
   entry_begin(&state);
-  layer->kernel->begin(&reader, &stream->blocks, layer->kernel->find(&stream->blocks, entry));
-  for (unsigned i = 0; i <= number; i++)
-    layer->kernel->parse(stream->tables, &reader, i, i % slice_count == 0, &state);
+  layer->kernel->begin(&reader, blocks, layer->kernel->find(blocks, site.entry));
+  for (unsigned i = 0; i <= site.number; i++)
+    layer->kernel->parse(site.stream->tables, &reader, i, i % site.slice_count == 0, &state);
   for (int c = 0; c < 3; c++)
     for (int i = 0; i < COEFFICIENTS; i++) levels[c][i] = state.levels[c][8 * (i % 8) + i / 8];
 }

@@ -2,6 +2,7 @@
 
 #include "codec/kernel.h"
 
+#include <inttypes.h>
 #include <math.h>
 #include <stdatomic.h>
 #include <stdlib.h>
@@ -23,11 +24,13 @@ static uint32_t choose_key(const layer_state *layer, uint32_t group_s, uint32_t 
   return best;
 }
 
-void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2) {
+void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2, uint32_t parts_log2) {
   layer_stream *stream = &layer->streams[kind];
   stream->run_log2 = run_log2;
   stream->run_places = 1u << run_log2;
-  stream->entries_per_unit = (layer_place_count(layer) + stream->run_places - 1) >> run_log2;
+  stream->parts_log2 = parts_log2;
+  stream->entries_per_unit =
+      (layer_place_count(layer) + stream->run_places - 1) >> run_log2 << parts_log2;
   stream->blocks.entry_count = stream->entries_per_unit * stream->unit_count;
 }
 
@@ -70,7 +73,7 @@ slf_result layer_make_units(layer_state *layer, const char *name, slf_error *err
     layer->quad_ranks[i] = layer->streams[STREAM_REST].unit_count;
     if (layer->quad_slices[i]) layer->streams[STREAM_REST].unit_count++;
   }
-  for (int kind = 0; kind < STREAM_COUNT; kind++) layer_set_run(layer, kind, 0);
+  for (int kind = 0; kind < STREAM_COUNT; kind++) layer_set_run(layer, kind, 0, 0);
   p->raw_nbytes = (uint64_t)p->u_count * p->v_count * 3 * p->slice_count;
   return SLF_OK;
 }
@@ -139,13 +142,27 @@ void layer_codes(const layer_state *layer, float channels[3][COEFFICIENTS],
   }
 }
 
+static slf_result make_store(block_store *store, uint64_t count, const char *name,
+                             slf_error *error) {
+  store->blocks = calloc(count, sizeof *store->blocks);
+  store->states = calloc(count, sizeof *store->states);
+  if (store->blocks && store->states) return SLF_OK;
+  return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for %" PRIu64 " decoded blocks", name,
+                  count);
+}
+
 slf_result layer_make_base(layer_state *layer, const char *name, slf_error *error) {
-  uint64_t places = layer_place_count(layer);
-  layer->base = calloc(places, sizeof *layer->base);
-  layer->base_states = calloc(places, sizeof *layer->base_states);
-  if (layer->base && layer->base_states) return SLF_OK;
-  return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for a base of %ux%u blocks", name,
-                  layer->public.block_u_count, layer->public.block_v_count);
+  return make_store(&layer->base, layer_place_count(layer), name, error);
+}
+
+slf_result layer_make_keys(layer_state *layer, const char *name, slf_error *error) {
+  uint64_t count = layer_place_count(layer) * layer->streams[STREAM_KEYS].unit_count;
+  return count <= MAX_STORED_KEYS ? make_store(&layer->keys, count, name, error) : SLF_OK;
+}
+
+static void free_store(block_store *store) {
+  free(store->blocks);
+  free((void *)store->states);
 }
 
 void layer_free(layer_state *layer) {
@@ -155,8 +172,8 @@ void layer_free(layer_state *layer) {
   free(layer->quad_slices);
   free(layer->group_ranks);
   free(layer->group_keys);
-  free(layer->base);
-  free((void *)layer->base_states);
+  free_store(&layer->base);
+  free_store(&layer->keys);
   for (int kind = 0; kind < STREAM_COUNT; kind++) free(layer->streams[kind].tables);
 }
 

@@ -11,10 +11,12 @@ enum {
   LAYER_FIXED_NBYTES = 32 + 3 * 4,
   STREAM_HEADER_NBYTES = 12,
   MAX_RUN_LOG2 = 6,
+  MAX_PARTS_LOG2 = 2,
   GROUP_SIDE = 4, /* directions along a side of the group that shares a key */
   QUAD_SLICES = 4,
   MOTION_CHAIN = 8, /* every eighth slice along S is a key of the motion scheme */
-  MAX_SHIFT = 7
+  MAX_SHIFT = 7,
+  MAX_STORED_KEYS = 1 << 18 /* of a layer: 96 MiB, touched as they are asked for */
 };
 
 /* A layer's C-Blocks are in up to three streams, each useful with those before it. A stream's
@@ -26,6 +28,7 @@ typedef struct {
   block_stream blocks;
   uint32_t unit_count;
   uint32_t run_log2, run_places; /* block places that an entry spans, and their logarithm */
+  uint32_t parts_log2;           /* or, of the rest, entries that a place's quad is cut into */
   uint64_t entries_per_unit;
   uint64_t payload_bits;
   block_codes codes;
@@ -43,6 +46,21 @@ typedef struct {
 static inline unsigned quad_place(uint32_t s, uint32_t t) {
   return (t & 1) ? 3 - (s & 1) : (s & 1);
 }
+
+/* Fine levels of blocks, decoded when first asked for: 0 absent, 1 being written, 2 there. */
+typedef struct {
+  int16_t (*blocks)[3][COEFFICIENTS]; /* NULL: there is no store */
+  _Atomic uint8_t *states;
+} block_store;
+
+/* Where a C-Block is. */
+typedef struct {
+  const layer_stream *stream;
+  uint64_t entry;
+  uint32_t number;      /* of the block in its entry */
+  uint32_t slice_count; /* blocks a place in this entry, */
+  uint32_t first_slice; /* the first of them in the unit */
+} entry_site;
 
 typedef struct kernel kernel;
 
@@ -63,9 +81,9 @@ typedef struct {
   uint32_t *group_ranks; /* [t][s]: units before */
   uint32_t *group_keys; /* [t][s]: t << 16 | s of the key slice, NO_KEY if the group has no slice */
   layer_stream streams[STREAM_COUNT];
-  /* The base, decoded when first asked for: 0 absent, 1 being written, 2 there. */
-  int16_t (*base)[3][COEFFICIENTS];
-  _Atomic uint8_t *base_states;
+  /* What many blocks lean on stays decoded: the base, and as far as there is room the keys, by unit
+   * and place. */
+  block_store base, keys;
 } layer_state;
 
 #define NO_KEY UINT32_MAX
@@ -90,12 +108,13 @@ static inline bool layer_has(const layer_state *layer, stream_kind kind) {
 
 /* Fills what follows from public's dimensions and angular: block counts, slices, units. */
 slf_result layer_make_units(layer_state *layer, const char *name, slf_error *error);
-void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2);
+void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2, uint32_t parts_log2);
 void layer_set_curve(layer_state *layer); /* level_shift, from public's curve */
 slf_result layer_make_linear(layer_state *layer, const char *name, slf_error *error);
 bool layer_make_steps(layer_state *layer);  /* from their lines; false if one is out of range */
 void layer_make_scales(layer_state *layer); /* from steps and gains */
 slf_result layer_make_base(layer_state *layer, const char *name, slf_error *error);
+slf_result layer_make_keys(layer_state *layer, const char *name, slf_error *error);
 void layer_free(layer_state *layer);
 
 /* Channels to codes R G B of 64 texels, clamped to what the curve has. */
@@ -128,6 +147,32 @@ static inline uint32_t layer_group(const layer_state *layer, uint32_t s, uint32_
 static inline bool layer_is_key(const layer_state *layer, uint32_t s, uint32_t t) {
   return layer->public.angular == SLF_ANGULAR_LAYERED &&
          layer->group_keys[layer_group(layer, s, t)] == (t << 16 | s);
+}
+
+/* The block of slice number `slice` of the slice_count that the unit has at each place. */
+static inline entry_site site_in_unit(const layer_stream *stream, uint32_t unit, uint64_t place,
+                                      uint32_t slice_count, uint32_t slice) {
+  uint32_t width = QUAD_SLICES >> stream->parts_log2, part = slice / width;
+  uint32_t run = (uint32_t)place & (stream->run_places - 1), first = part * width;
+  uint32_t left = slice_count - first, count = left < width ? left : width;
+  uint64_t group = place >> stream->run_log2;
+  return (entry_site){stream,
+                      unit * stream->entries_per_unit + (group << stream->parts_log2) + part,
+                      run * count + slice - first, count, first};
+}
+
+/* The block of a slice that exists. */
+static inline entry_site site_of_slice(const layer_state *layer, uint32_t s, uint32_t t,
+                                       uint64_t place) {
+  if (layer_is_key(layer, s, t)) {
+    uint32_t group = layer_group(layer, s, t);
+    return site_in_unit(&layer->streams[STREAM_KEYS], layer->group_ranks[group], place, 1, 0);
+  }
+  uint32_t quad = t / 2 * layer->quad_s_count + s / 2;
+  unsigned slices = layer->quad_slices[quad];
+  return site_in_unit(&layer->streams[STREAM_REST], layer->quad_ranks[quad], place,
+                      (uint32_t)__builtin_popcount(slices),
+                      (uint32_t)__builtin_popcount(slices & ((1u << quad_place(s, t)) - 1)));
 }
 
 /* First slice of the motion chain that slice s of row t belongs to. */

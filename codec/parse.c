@@ -49,9 +49,10 @@ static inline void add_level(int16_t *level, int32_t more) {
   *level = (int16_t)(uint16_t)((uint32_t)*level + (uint32_t)more);
 }
 
-/* A symbol of at most 16 bits; *bits is 0 if there is none. */
-static inline unsigned read_symbol(const huffman_decoder *decoder, bit_reader *r, unsigned *bits) {
-  unsigned symbol = huffman_read(decoder, 1, top_bits(r->bits, 16), bits);
+/* A symbol of first_bits to 16 bits; *bits is 0 if there is none. */
+static inline unsigned read_symbol(const huffman_decoder *decoder, unsigned first_bits,
+                                   bit_reader *r, unsigned *bits) {
+  unsigned symbol = huffman_read(decoder, first_bits, top_bits(r->bits, 16), bits);
   consume(r, *bits);
   return symbol;
 }
@@ -62,7 +63,7 @@ static inline unsigned read_symbol(const huffman_decoder *decoder, bit_reader *r
 static __attribute__((noinline)) bool parse_long_dc(const huffman_decoder *decoder, bit_reader *r,
                                                     int32_t *level) {
   refill(r);
-  unsigned bits, size = read_symbol(decoder, r, &bits);
+  unsigned bits, size = read_symbol(decoder, 1, r, &bits);
   if (bits == 0 || size > 15) return false;
   *level = extend(take(r, size), size);
   refill(r);
@@ -89,7 +90,7 @@ static inline __attribute__((always_inline)) bool parse_dc(const block_tables *t
 static __attribute__((noinline)) bool parse_long(const huffman_decoder *decoder, bit_reader *r,
                                                  unsigned *k, int16_t *levels, bool *end) {
   refill(r);
-  unsigned bits, symbol = read_symbol(decoder, r, &bits), size = symbol & 15;
+  unsigned bits, symbol = read_symbol(decoder, 1, r, &bits), size = symbol & 15;
   int32_t level = 0;
   *end = false;
   if (bits == 0) return false;
@@ -120,20 +121,25 @@ static inline __attribute__((always_inline)) bool parse_ac(const block_tables *t
   for (;;) {
     if (__builtin_expect(r->count < FAST_BITS, 0)) refill(r);
     uint32_t entry = table[r->bits >> (64 - FAST_BITS)];
-    if (__builtin_expect(fast_taken(entry) == 0, 0)) {
-      bit_reader copy = *r;
-      unsigned at = k;
-      bool end, good = parse_long(&tables->decoders[code], &copy, &at, levels, &end);
-      *r = copy;
-      k = at;
-      if (!good || end) return good;
-    } else {
+    if (fast_taken(entry)) {
       consume(r, fast_taken(entry));
       k += fast_step(entry);
       add_level(&levels[slf_zigzag[k]], fast_level(entry));
       k += fast_second_step(entry);
       add_level(&levels[slf_zigzag[k]], fast_second_level(entry));
       if (entry & FAST_END) return true;
+    } else if (__builtin_expect(large_code_bits(entry) != 0, 1)) {
+      if (r->count < FAST_BITS + 15) refill(r);
+      consume(r, large_code_bits(entry));
+      k += fast_step(entry);
+      add_level(&levels[slf_zigzag[k]], extend(take(r, large_size(entry)), large_size(entry)));
+    } else {
+      bit_reader copy = *r;
+      unsigned at = k;
+      bool end, good = parse_long(&tables->decoders[code], &copy, &at, levels, &end);
+      *r = copy;
+      k = at;
+      if (!good || end) return good;
     }
     if (__builtin_expect(k >= COEFFICIENTS, 0)) return false;
     code |= 1;
@@ -145,7 +151,8 @@ static inline __attribute__((always_inline)) bool parse_ac(const block_tables *t
 static __attribute__((noinline)) bool pass_long(const block_tables *tables, unsigned *state,
                                                 bit_reader *r) {
   refill(r);
-  unsigned bits, symbol = read_symbol(&tables->decoders[pass_code(*state)], r, &bits);
+  unsigned bits,
+      symbol = read_symbol(&tables->decoders[pass_code(*state)], PASS_BITS + 1, r, &bits);
   unsigned size = symbol == SYMBOL_ESCAPE ? 22 : symbol & 15;
   consume(r, size);
   *state = symbol == SYMBOL_END ? pass_next_channel(*state) : *state | 1;
@@ -181,7 +188,7 @@ static inline __attribute__((always_inline)) bool parse_head(const block_tables 
   if (__builtin_expect(bits != 0, 1))
     consume(r, bits);
   else
-    *head = read_symbol(&tables->decoders[CODE_HEAD], r, &bits);
+    *head = read_symbol(&tables->decoders[CODE_HEAD], FAST_DC_BITS + 1, r, &bits);
   return bits != 0 && *head >> 3 < PREDICTOR_COUNT;
 }
 
@@ -189,7 +196,7 @@ static inline __attribute__((always_inline)) bool parse_head(const block_tables 
 static __attribute__((noinline)) bool parse_long_shifts(const huffman_decoder *decoder,
                                                         bit_reader *r, int *shift_u, int *shift_v) {
   unsigned bits_u, bits_v;
-  unsigned u = read_symbol(decoder, r, &bits_u), v = read_symbol(decoder, r, &bits_v);
+  unsigned u = read_symbol(decoder, 1, r, &bits_u), v = read_symbol(decoder, 1, r, &bits_v);
   refill(r);
   *shift_u = (int)u - 16;
   *shift_v = (int)v - 16;

@@ -280,14 +280,15 @@ static slf_result read_stream(layer_reader *r, stream_kind kind, slf_error *erro
   if (r->end - r->at < STREAM_HEADER_NBYTES)
     return slf_fail(error, SLF_ERROR_FORMAT, "%s: stream %d has no header", r->name, kind);
   const uint8_t *b = r->at;
-  unsigned gain = b[0], run_log2 = b[1], used = get_u16(b + 2);
+  unsigned gain = b[0], run_log2 = b[1] & 15, parts_log2 = b[1] >> 4, used = get_u16(b + 2);
   stream->payload_bits = get_u64(b + 4);
-  if (gain < 1 || gain > MAX_GAIN || run_log2 > MAX_RUN_LOG2 || used >> CODE_COUNT)
+  if (gain < 1 || gain > MAX_GAIN || run_log2 > MAX_RUN_LOG2 || used >> CODE_COUNT ||
+      parts_log2 > MAX_PARTS_LOG2 || (parts_log2 && (run_log2 || kind != STREAM_REST)))
     return slf_fail(error, SLF_ERROR_FORMAT, "%s: stream %d: gain %u, run %u, codes %#x", r->name,
-                    kind, gain, run_log2, used);
+                    kind, gain, b[1], used);
   r->at += STREAM_HEADER_NBYTES;
   r->state->gains[kind] = gain;
-  layer_set_run(r->state, kind, run_log2);
+  layer_set_run(r->state, kind, run_log2, parts_log2);
   slf_result result = read_codes(r, stream, used, error);
   const chunk *blocks;
   if (result == SLF_OK)
@@ -323,6 +324,8 @@ static slf_result read_layer(slf_file *file, uint32_t surface_index, uint32_t la
   if (result == SLF_OK) layer_make_scales(r.state);
   if (result == SLF_OK && layer_has(r.state, STREAM_BASE))
     result = layer_make_base(r.state, r.name, error);
+  if (result == SLF_OK && layer_has(r.state, STREAM_KEYS))
+    result = layer_make_keys(r.state, r.name, error);
   if (result == SLF_OK && r.state->public.curve == SLF_CURVE_DWA)
     result = layer_make_linear(r.state, r.name, error);
   if (result == SLF_OK && r.at != r.end)
@@ -471,21 +474,21 @@ static slf_result verify_unit(const layer_state *layer, stream_kind kind, uint32
   const layer_stream *stream = &layer->streams[kind];
   bit_reader reader;
   entry_state state;
-  uint32_t number = 0;
-  for (uint64_t place = 0; place < layer_place_count(layer); place++) {
-    if (place % stream->run_places == 0) {
-      uint64_t bit = layer->kernel->find(&stream->blocks, unit * stream->entries_per_unit +
-                                                              place / stream->run_places);
-      layer->kernel->begin(&reader, &stream->blocks, bit);
-      entry_begin(&state);
-      number = 0;
-    }
-    for (uint32_t i = 0; i < slice_count; i++)
-      if (!layer->kernel->parse(stream->tables, &reader, number++, i == 0, &state))
+  uint64_t entry = UINT64_MAX;
+  uint32_t width = QUAD_SLICES >> stream->parts_log2;
+  for (uint64_t place = 0; place < layer_place_count(layer); place++)
+    for (uint32_t i = 0; i < slice_count; i++) {
+      entry_site site = site_in_unit(stream, unit, place, slice_count, i);
+      if (site.entry != entry) {
+        entry = site.entry;
+        layer->kernel->begin(&reader, &stream->blocks, layer->kernel->find(&stream->blocks, entry));
+        entry_begin(&state);
+      }
+      if (!layer->kernel->parse(stream->tables, &reader, site.number, i % width == 0, &state))
         return slf_fail(error, SLF_ERROR_FORMAT,
                         "%s: stream %d: block %" PRIu64 " of unit %u does not parse", name, kind,
                         place, unit);
-  }
+    }
   return SLF_OK;
 }
 
