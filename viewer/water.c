@@ -304,6 +304,7 @@ static void bend_block(void *context, uint32_t block_u, uint32_t block_v, block_
 
 direction_bend water_begin_frame(water *w) {
   w->counts = (water_counts){0};
+  w->finished_count = 0;
   w->bending = !ripple_is_calm(w->pond) || w->fresnel || w->display == WATER_NORMALS;
   if (!w->bending) return (direction_bend){NULL, NULL};
   ripple_slopes(w->pond, w->u_count, w->v_count, w->slope_u, w->slope_v, w->stride);
@@ -331,10 +332,10 @@ static fresnel fresnel_at(float cosine, const float bottom[3]) {
   return f;
 }
 
-static void tint(const water *w, uint16_t *texels, size_t row_nbytes) {
+static void tint(const water *w, const float bottom[3], uint16_t *texels, size_t row_nbytes) {
   fresnel table[WATER_FACINGS];
   for (int i = 0; i < WATER_FACINGS; i++)
-    table[i] = fresnel_at((float)i / (WATER_FACINGS - 1), w->bottom);
+    table[i] = fresnel_at((float)i / (WATER_FACINGS - 1), bottom);
   for (size_t j = 0; j < w->v_count; j++) {
     uint16_t *texel = texels + j * (row_nbytes / sizeof *texels);
     const uint16_t *facing = w->facing + j * w->stride;
@@ -351,6 +352,12 @@ static uint8_t slope_code(float slope) {
   return (uint8_t)(255 * fminf(fmaxf(0.5f + slope, 0), 1) + 0.5f);
 }
 
+static void clear(const water *w, uint16_t *texels, size_t row_nbytes) {
+  for (size_t j = 0; j < w->v_count; j++)
+    for (size_t i = 0; i < w->u_count; i++)
+      memset(texels + j * (row_nbytes / sizeof *texels) + 4 * i, 0, 3 * sizeof *texels);
+}
+
 static void paint_normals(const water *w, uint16_t *texels, size_t row_nbytes) {
   for (size_t j = 0; j < w->v_count; j++) {
     uint16_t *texel = texels + j * (row_nbytes / sizeof *texels);
@@ -365,8 +372,12 @@ static void paint_normals(const water *w, uint16_t *texels, size_t row_nbytes) {
 
 void water_finish_frame(water *w, uint16_t *texels, size_t row_nbytes) {
   if (!w->bending) return;
-  if (w->display == WATER_NORMALS)
+  const bool first = w->finished_count++ == 0;
+  const float nothing[3] = {0, 0, 0};
+  if (w->display == WATER_NORMALS && first)
     paint_normals(w, texels, row_nbytes);
+  else if (w->display == WATER_NORMALS)
+    clear(w, texels, row_nbytes);
   else if (w->fresnel)
-    tint(w, texels, row_nbytes);
+    tint(w, first ? w->bottom : nothing, texels, row_nbytes);
 }

@@ -60,6 +60,7 @@ typedef struct {
   water_counts counts;
 
   bool bending;               /* this frame */
+  uint32_t finished_count;    /* layers of this frame */
   uint16_t half_of_code[256]; /* linear light of a display code */
 } water;
 
@@ -82,7 +83,8 @@ void water_reset(water *w);
 
 /* Before a frame: what to give texture_update, {NULL, NULL} where the flat picture is the right
  * one; and after it, before texture_make_levels, for looks that colour texels: v_count rows of
- * half floats as in texture.h, row_nbytes apart. */
+ * half floats as in texture.h, row_nbytes apart. Of a surface with several layers, whose sum is
+ * seen, each in turn: what is added is added to the first. */
 direction_bend water_begin_frame(water *w);
 void water_finish_frame(water *w, uint16_t *texels, size_t row_nbytes);
 

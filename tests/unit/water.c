@@ -270,6 +270,14 @@ static void fresnel_lets_the_bottom_through(void **state) {
     assert_float_equal(float_from_half(texels[4 * i]), reflected[i], i == 2 ? 0.03 : 1e-3);
   assert_int_equal(texels[3], HALF_ONE); /* coverage stays */
   assert_int_equal(texels[4 * 8], 0);    /* what was not made stays empty */
+  /* The bottom is seen once, however many layers the water's light has. */
+  for (int layer = 0; layer < 2; layer++) {
+    if (layer == 0) water_begin_frame(w);
+    for (int i = 0; i < 8 * 4; i++) texels[i] = i % 4 == 3 ? HALF_ONE : 0;
+    w->bottom[0] = 1;
+    water_finish_frame(w, texels, TEXELS * 8);
+    assert_float_equal(float_from_half(texels[0]), layer == 0 ? 1 - reflected[0] : 0, 1e-3);
+  }
   water_free(w);
 }
 
