@@ -299,7 +299,7 @@ int main(int argc, char **argv) {
   }
   const char *folder = argv[1], *what = argv[5];
   surface *on = surface_read(folder, argv[2]);
-  uint32_t rays = (uint32_t)atoi(argv[3]), hole_count, width, height;
+  uint32_t rays = surface_rays(on, (uint32_t)atoi(argv[3])), hole_count, width, height;
   shot self = {.self = on, .grid = grid_of_all(on)};
   float *table = on->planar ? NULL : read_rays(folder, on, rays);
   uint32_t *sources = NULL;

@@ -22,7 +22,8 @@ int main(int argc, char **argv) {
     return 2;
   }
   surface *self = surface_read(argv[1], argv[2]);
-  uint32_t rays = (uint32_t)atoi(argv[3]), chunk = (uint32_t)atoi(argv[4]), slice_count, hole_count;
+  uint32_t rays = surface_rays(self, (uint32_t)atoi(argv[3])), chunk = (uint32_t)atoi(argv[4]),
+           slice_count, hole_count;
   slice *slices = surface_slices(self, &slice_count);
   uint32_t first = surface_chunk(self, rays, chunk).first;
   view_list views = views_of_chunk(self, rays, chunk);

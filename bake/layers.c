@@ -146,7 +146,8 @@ int main(int argc, char **argv) {
   fog fogs[FOG_COUNT];
   make_fogs(self, fogs);
   if (!lists)
-    split_chunk(self, (uint32_t)atoi(argv[4]), (uint32_t)atoi(argv[5]), argv[6], argv[7], argv[8]);
+    split_chunk(self, surface_rays(self, (uint32_t)atoi(argv[4])), (uint32_t)atoi(argv[5]), argv[6],
+                argv[7], argv[8]);
   for (int i = 0; i < FOG_COUNT && lists && surface_has_layers(self); i++)
     printf("%d %.10g %g\n", i, fogs[i].distance, fogs[i].grey);
   surface_free(self);

@@ -191,13 +191,14 @@ int main(int argc, char **argv) {
   }
   slf_error error;
   const char *folder = argv[1];
-  uint32_t rays = (uint32_t)atoi(argv[2]);
+  uint32_t asked_rays = (uint32_t)atoi(argv[2]);
   scene *whole = scene_read(folder);
   atexit(abort_writer);
   check(slf_writer_create(argv[argc - 1], &writer, &error), &error);
   slf_writer_set_background(writer, whole->background);
   if (argc == 5) write_views(argv[3]);
   for (uint32_t i = 0; i < whole->surface_count; i++) {
+    uint32_t rays = surface_rays(&whole->surfaces[i], asked_rays);
     write_geometry(&whole->surfaces[i]);
     report_holes(folder, &whole->surfaces[i], rays);
     if (!surface_has_layers(&whole->surfaces[i])) {

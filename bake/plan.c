@@ -113,9 +113,9 @@ int main(int argc, char **argv) {
     const surface *self = &whole->surfaces[i];
     if (!strcmp(argv[1], "surfaces")) {
       write_surface(folder, self, text);
-      write_preparations(stdout, folder, self, rays);
+      write_preparations(stdout, folder, self, surface_rays(self, rays));
     } else {
-      write_chunks(stdout, folder, self, rays);
+      write_chunks(stdout, folder, self, surface_rays(self, rays));
     }
   }
   free(text);

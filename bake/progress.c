@@ -79,7 +79,8 @@ static tally count(const char *folder, uint32_t rays, uint32_t *surface_count) {
   scene *whole = scene_read(folder);
   double cost_us = number_in(folder, "cost", 3), look_at = changed_at(look);
   for (uint32_t i = 0; i < whole->surface_count; i++)
-    add_surface(&sum, folder, &whole->surfaces[i], rays, look_at, cost_us);
+    add_surface(&sum, folder, &whole->surfaces[i], surface_rays(&whole->surfaces[i], rays), look_at,
+                cost_us);
   *surface_count = whole->surface_count;
   scene_free(whole);
   free(look);

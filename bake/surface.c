@@ -133,7 +133,12 @@ static void read_choice(const char *folder, surface *self) {
 scene *scene_read(const char *folder) {
   char *path = format_text("%s/scene.txt", folder);
   scene *self = read_description(path);
-  for (uint32_t i = 0; i < self->surface_count; i++) read_choice(folder, &self->surfaces[i]);
+  for (uint32_t i = 0; i < self->surface_count; i++) {
+    read_choice(folder, &self->surfaces[i]);
+    if (surface_has_layers(&self->surfaces[i]) && self->surfaces[i].hdr)
+      fail("%s: surface '%s': layers do not keep radiance above 1: Slf_Hdr or Slf_Layers, not both",
+           path, self->surfaces[i].name);
+  }
   free(path);
   return self;
 }
@@ -169,6 +174,11 @@ const surface *scene_find(const scene *self, const char *name) {
 
 bool surface_has_layers(const surface *self) {
   return self->layers > 0 && self->s_count * self->t_count > 1;
+}
+
+uint32_t surface_rays(const surface *self, uint32_t asked) {
+  /* Where directions are to be chosen, its tables are made before it is known to be matte. */
+  return surface_has_layers(self) || (self->layers > 0 && self->auto_error > 0) ? 1 : asked;
 }
 
 slice *surface_slices(const surface *self, uint32_t *slice_count) {

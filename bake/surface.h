@@ -54,6 +54,10 @@ const surface *scene_find(const scene *, const char *name);
 /* Whether it is baked as layers; a matte one never is. */
 bool surface_has_layers(const surface *);
 
+/* How many of the rays that are asked for a sample it takes: layers take one, as several that hit
+ * different things have no one height. */
+uint32_t surface_rays(const surface *, uint32_t asked);
+
 typedef struct {
   uint16_t s, t;
 } slice;
