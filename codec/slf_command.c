@@ -1,12 +1,13 @@
 /* slf_command.c - slf: looks into .slf files. */
 #include "codec/jpeg_slice.h"
 #include "codec/slf.h"
+#include "codec/slice_image.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <getopt.h>
 #include <inttypes.h>
 #include <math.h>
-#include <png.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,13 +22,18 @@ static const char usage[] =
     "\n"
     "  slf info FILE                        what is in it\n"
     "  slf verify FILE                      check every checksum and C-Block\n"
-    "  slf slice FILE SURFACE S T OUT.png   one slice as a picture\n"
+    "  slf slice FILE SURFACE S T OUT       one slice as a picture: OUT.png, or OUT.exr, linear\n"
     "     --layer=N                         of layer N (0)\n"
     "     --jpeg                            OUT.jpg with the very same coefficients (angular "
     "none)\n"
     "  slf decode FILE SURFACE FOLDER       every slice, FOLDER/SSS_TTT.png\n"
     "     --layer=N\n"
-    "  slf encode IN.slf OUT.slf            code again, from what IN decodes to\n"
+    "     --exr                             FOLDER/SSS_TTT.exr, linear\n"
+    "  slf encode IN OUT.slf                code again what IN.slf decodes to; or a folder of "
+    "slices,\n"
+    "                                       IN/SSS_TTT.exr or .png, as one surface without a mesh\n"
+    "     --surface=NAME                    its name (surface)\n"
+    "     --hdr                             radiance above 1 is kept\n"
     "     --angular=none|identical|motion|layered (layered)\n"
     "     --quality=1..100 (75) | --target-psnr=DB | --target-ratio=R\n"
     "     --threads=N                       (all processors)\n"
@@ -38,7 +44,8 @@ static const char usage[] =
     "\n"
     "  slf info build/floor.slf\n"
     "  slf slice build/floor.slf floor 8 8 floor.png\n"
-    "  slf encode --target-psnr=40 build/floor.slf small.slf\n";
+    "  slf encode --target-psnr=40 build/floor.slf small.slf\n"
+    "  slf decode --exr build/floor.slf floor slices && slf encode slices floor.slf\n";
 
 static int failed(const slf_error *error) {
   fprintf(stderr, "slf: %s\n", error->message);
@@ -140,26 +147,6 @@ static bool find_surface(const slf_file *file, const char *word, uint32_t *index
   return parse_count(word, slf_surface_count(file), index);
 }
 
-static bool write_png(const char *path, const float *rgb, uint32_t width, uint32_t height) {
-  size_t samples = (size_t)width * height * 3;
-  uint8_t *bytes = malloc(samples);
-  if (!bytes) return false;
-  for (size_t i = 0; i < samples; i++) bytes[i] = slf_srgb_from_linear(rgb[i]);
-  png_image image = {
-      .version = PNG_IMAGE_VERSION, .width = width, .height = height, .format = PNG_FORMAT_RGB};
-  char *temporary = malloc(strlen(path) + sizeof ".part");
-  bool written = temporary != NULL;
-  if (written) {
-    strcat(strcpy(temporary, path), ".part");
-    written = png_image_write_to_file(&image, temporary, 0, bytes, 0, NULL) &&
-              rename(temporary, path) == 0;
-    if (!written) remove(temporary);
-  }
-  free(temporary);
-  free(bytes);
-  return written;
-}
-
 /* What most verbs begin with: FILE SURFACE, and --layer. */
 typedef struct {
   slf_file *file;
@@ -194,10 +181,11 @@ static bool write_slice(const chosen_layer *c, uint32_t s, uint32_t t, const cha
   if (!rgb)
     fprintf(stderr, "slf: %s: no memory for a slice of %ux%u\n", path, c->of->u_count,
             c->of->v_count);
-  else if (slf_decode_slice(c->file, c->surface, c->layer, s, t, rgb, &error) != SLF_OK)
+  else if (slf_decode_slice(c->file, c->surface, c->layer, s, t, rgb, &error) != SLF_OK ||
+           slice_image_write(path, rgb, c->of->u_count, c->of->v_count, &error) != SLF_OK)
     failed(&error);
-  else if (!(written = write_png(path, rgb, c->of->u_count, c->of->v_count)))
-    fprintf(stderr, "slf: %s: cannot be written\n", path);
+  else
+    written = true;
   free(rgb);
   return written;
 }
@@ -234,12 +222,16 @@ static int slice(int argc, char **argv) {
 /* ---- decode -------------------------------------------------------------------------------- */
 
 static int decode(int argc, char **argv) {
-  static const struct option options[] = {{"layer", required_argument, NULL, 'l'}, {0}};
+  static const struct option options[] = {
+      {"layer", required_argument, NULL, 'l'}, {"exr", no_argument, NULL, 'e'}, {0}};
   uint32_t layer = 0;
+  const char *ending = "png";
   opterr = 0;
   for (int option; (option = getopt_long(argc, argv, ":", options, NULL)) != -1;)
-    if (option != 'l' || !parse_count(optarg, SLF_MAX_LAYERS, &layer))
-      return wrong_usage("expected --layer=N", argv[optind - 1]);
+    if (option == 'e')
+      ending = "exr";
+    else if (option != 'l' || !parse_count(optarg, SLF_MAX_LAYERS, &layer))
+      return wrong_usage("expected --layer=N or --exr", argv[optind - 1]);
   argv += optind;
   if (argc - optind != 3) return wrong_usage("decode takes FILE SURFACE FOLDER", NULL);
   chosen_layer c;
@@ -252,7 +244,7 @@ static int decode(int argc, char **argv) {
     uint32_t s = i % c.of->s_count, t = i / c.of->s_count;
     char path[4096];
     if (!slf_slice_exists(c.of->s_count, c.of->t_count, s, t)) continue;
-    snprintf(path, sizeof path, "%s/%03u_%03u.png", argv[2], s, t);
+    snprintf(path, sizeof path, "%s/%03u_%03u.%s", argv[2], s, t, ending);
     done = write_slice(&c, s, t, path);
   }
   slf_close(c.file);
@@ -300,6 +292,75 @@ static slf_result encode_file(slf_file *file, slf_writer *writer, slf_layer_opti
   return result;
 }
 
+/* A folder of slices as a source. */
+typedef struct {
+  const char *folder, *ending;
+  slf_layer_options options;
+} slice_folder;
+
+static slf_result read_folder_slice(void *context, uint32_t s, uint32_t t, float *rgb,
+                                    slf_error *error) {
+  const slice_folder *f = context;
+  char path[4096];
+  float *read;
+  uint32_t u, v;
+  snprintf(path, sizeof path, "%s/%03u_%03u.%s", f->folder, s, t, f->ending);
+  slf_result result = slice_image_read(path, &read, &u, &v, error);
+  if (result != SLF_OK) return result;
+  if (u == f->options.u_count && v == f->options.v_count) {
+    memcpy(rgb, read, (size_t)u * v * 3 * sizeof *rgb);
+  } else {
+    snprintf(error->message, sizeof error->message, "%.400s: %ux%u texels, another slice has %ux%u",
+             path, u, v, f->options.u_count, f->options.v_count);
+    result = SLF_ERROR_ARGUMENT;
+  }
+  free(read);
+  return result;
+}
+
+/* Directions from the names, texels from one of the slices. */
+static slf_result open_folder(slice_folder *f, slf_error *error) {
+  DIR *folder = opendir(f->folder);
+  if (!folder) {
+    snprintf(error->message, sizeof error->message, "%.400s: %s", f->folder, strerror(errno));
+    return SLF_ERROR_IO;
+  }
+  char any[4096] = "";
+  for (struct dirent *entry; (entry = readdir(folder));) {
+    unsigned s, t;
+    int end = 0;
+    if (sscanf(entry->d_name, "%3u_%3u.%n", &s, &t, &end) != 2 || !end) continue;
+    const char *ending = entry->d_name + end;
+    if (strcmp(ending, "exr") != 0 && strcmp(ending, "png") != 0) continue;
+    f->ending = strcmp(ending, "exr") == 0 ? "exr" : "png";
+    if (s >= f->options.s_count) f->options.s_count = s + 1;
+    if (t >= f->options.t_count) f->options.t_count = t + 1;
+    snprintf(any, sizeof any, "%s/%s", f->folder, entry->d_name);
+  }
+  closedir(folder);
+  if (!*any) {
+    snprintf(error->message, sizeof error->message, "%.400s: no slices SSS_TTT.exr or .png",
+             f->folder);
+    return SLF_ERROR_ARGUMENT;
+  }
+  float *rgb;
+  slf_result result = slice_image_read(any, &rgb, &f->options.u_count, &f->options.v_count, error);
+  free(rgb);
+  return result;
+}
+
+static slf_result encode_folder(const char *path, const char *name, slf_writer *writer,
+                                const slf_layer_options *options, slf_error *error) {
+  slice_folder folder = {.folder = path, .options = *options};
+  slf_surface surface = {.name = ""};
+  snprintf(surface.name, sizeof surface.name, "%s", name);
+  slf_result result = open_folder(&folder, error);
+  if (result == SLF_OK) result = slf_writer_add_surface(writer, &surface, error);
+  if (result != SLF_OK) return result;
+  slf_source source = {read_folder_slice, &folder, NULL};
+  return slf_writer_add_layer(writer, &folder.options, &source, error);
+}
+
 static bool parse_number(const char *word, float low, float high, float *value) {
   char *end;
   *value = strtof(word, &end);
@@ -316,10 +377,15 @@ static bool parse_angular(const char *word, slf_angular *angular) {
 }
 
 static int encode(int argc, char **argv) {
-  static const struct option options[] = {
-      {"angular", required_argument, NULL, 'a'},     {"quality", required_argument, NULL, 'q'},
-      {"target-psnr", required_argument, NULL, 'p'}, {"target-ratio", required_argument, NULL, 'r'},
-      {"threads", required_argument, NULL, 't'},     {0}};
+  static const struct option options[] = {{"angular", required_argument, NULL, 'a'},
+                                          {"quality", required_argument, NULL, 'q'},
+                                          {"target-psnr", required_argument, NULL, 'p'},
+                                          {"target-ratio", required_argument, NULL, 'r'},
+                                          {"threads", required_argument, NULL, 't'},
+                                          {"surface", required_argument, NULL, 's'},
+                                          {"hdr", no_argument, NULL, 'h'},
+                                          {0}};
+  const char *name = "surface";
   slf_layer_options o = {.angular = SLF_ANGULAR_LAYERED, .quality = 75};
   opterr = 0;
   for (int option; (option = getopt_long(argc, argv, ":", options, NULL)) != -1;) {
@@ -327,18 +393,23 @@ static int encode(int argc, char **argv) {
                 (option == 'q' && parse_number(optarg, 1, 100, &o.quality)) ||
                 (option == 'p' && parse_number(optarg, 10, 100, &o.target_psnr)) ||
                 (option == 'r' && parse_number(optarg, 1, 10000, &o.target_ratio)) ||
+                (option == 's' && *(name = optarg)) ||
+                (option == 'h' && (o.curve = SLF_CURVE_DWA) == SLF_CURVE_DWA) ||
                 (option == 't' && parse_count(optarg, 257, &o.thread_count));
     if (!good) return wrong_usage("wrong option", argv[optind - 1]);
   }
   argv += optind;
-  if (argc - optind != 2) return wrong_usage("encode takes IN.slf OUT.slf", NULL);
+  if (argc - optind != 2) return wrong_usage("encode takes IN OUT.slf", NULL);
   slf_error error;
-  slf_file *file;
+  slf_file *file = NULL;
   slf_writer *writer;
-  if (slf_open(argv[0], &file, &error) != SLF_OK) return failed(&error);
+  struct stat status;
+  bool folder = stat(argv[0], &status) == 0 && S_ISDIR(status.st_mode);
+  if (!folder && slf_open(argv[0], &file, &error) != SLF_OK) return failed(&error);
   slf_result result = slf_writer_create(argv[1], &writer, &error);
   if (result == SLF_OK) {
-    result = encode_file(file, writer, o, &error);
+    result = folder ? encode_folder(argv[0], name, writer, &o, &error)
+                    : encode_file(file, writer, o, &error);
     if (result == SLF_OK)
       result = slf_writer_finish(writer, &error);
     else
