@@ -2,11 +2,12 @@
  * ball, all in closed form. For speed, which needs light fields of any size at once, and for tests
  * of the window, which need some file.
  *
- *   room TEXELS DIRECTIONS SAMPLES QUALITY OUT.slf [BALL_TEXELS]
+ *   room TEXELS DIRECTIONS SAMPLES QUALITY OUT.slf [BALL_TEXELS [TILES]]
  *
- * TEXELS along each side of the floor, and of the ball unless told otherwise.
- * SAMPLES squared per texel, spread over its (U,V) and its (S,T) cell; 0 makes every texel of floor
- * and ball 0.5 in every direction, so that whatever a viewer shows of them must be just that. */
+ * TEXELS along each side of the floor, and of the ball unless told otherwise. The floor is TILES x
+ * TILES surfaces (1). SAMPLES squared per texel, spread over its (U,V) and its (S,T) cell; 0 makes
+ * every texel of floor and ball 0.5 in every direction, so that whatever a viewer shows of them
+ * must be just that. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -99,7 +100,11 @@ typedef struct {
   vec point, normal, tangent_u, tangent_v;
 } frame;
 
+static int tile_count = 1, tile_u, tile_v; /* a side, and the one at hand */
+
 static frame floor_at(double u, double v) {
+  u = (u + tile_u) / tile_count;
+  v = (v + tile_v) / tile_count;
   return (frame){{(2 * u - 1) * half, 0, (2 * v - 1) * half}, {0, 1, 0}, {1, 0, 0}, {0, 0, 1}};
 }
 
@@ -201,8 +206,8 @@ static slf_result add_surface(slf_writer *writer, const char *name, shape *s, ui
 }
 
 int main(int argc, char **argv) {
-  if (argc != 6 && argc != 7) {
-    fputs("usage: room TEXELS DIRECTIONS SAMPLES QUALITY OUT.slf [BALL_TEXELS]\n", stderr);
+  if (argc < 6 || argc > 8) {
+    fputs("usage: room TEXELS DIRECTIONS SAMPLES QUALITY OUT.slf [BALL_TEXELS [TILES]]\n", stderr);
     return 2;
   }
   uint32_t texels = (uint32_t)atoi(argv[1]), directions = (uint32_t)atoi(argv[2]),
@@ -221,10 +226,17 @@ int main(int argc, char **argv) {
   for (size_t i = 0; i < sizeof views / sizeof *views && result == SLF_OK; i++)
     result = slf_writer_add_view(writer, &views[i], &error);
   shape floor_shape = {floor_at, texels, directions, samples},
-        ball_shape = {ball_at, argc == 7 ? (uint32_t)atoi(argv[6]) : texels, directions, samples},
+        ball_shape = {ball_at, argc > 6 ? (uint32_t)atoi(argv[6]) : texels, directions, samples},
         wall_shape = {wall_at, 128, 1, 2};
-  if (result == SLF_OK)
-    result = add_surface(writer, "floor", &floor_shape, 4, SLF_SURFACE_WATER, quality, &error);
+  if (argc > 7) tile_count = atoi(argv[7]);
+  floor_shape.texels /= (uint32_t)tile_count;
+  for (int i = 0; i < tile_count * tile_count && result == SLF_OK; i++) {
+    char name[32] = "floor";
+    if (tile_count > 1) snprintf(name, sizeof name, "floor_%d", i);
+    tile_u = i % tile_count;
+    tile_v = i / tile_count;
+    result = add_surface(writer, name, &floor_shape, 4, SLF_SURFACE_WATER, quality, &error);
+  }
   if (result == SLF_OK)
     result = add_surface(writer, "ball", &ball_shape, 48, SLF_SURFACE_WRAP_U, quality, &error);
   for (wall_now = 0; wall_now < 6 && result == SLF_OK; wall_now++) {

@@ -2,18 +2,20 @@
 """measure.py - makes every number of the report and keeps it in build/report/QUALITY/measured.
 
 A measurement is one JSON file, made again when a file it was made from is newer: a run that was
-stopped goes on where it was. Bakes have names of their own, build/report-*.slf. All times are
-processor time, so that others on the machine do not count; ratios are of times in one run.
+stopped goes on where it was. The light fields are those of tests/bench/bakes, which the benches
+measure too. All times are processor time, so that others on the machine do not count; ratios are of
+times in one run.
 """
 import argparse
+import concurrent.futures
 import json
 import os
 import pathlib
 import platform
 import re
-import resource
 import subprocess
 import sys
+import tempfile
 import time
 
 import flip_evaluator
@@ -24,22 +26,17 @@ SIZE = "240x180"  # of the pictures that are compared
 SAMPLES = 3  # squared, in a pixel of the viewer's pictures
 BUILD = pathlib.Path("build")
 
-# `directions` and `texels` are what the other axes of the plots are held at; `scan` is the line of
-# directions. Rays a pixel of the truth: its facets make the dull floor noisy. Preview halves texels.
+# Bakes are bench-NAME-DIRECTIONS.slf. `directions` is what the other axes of the plots are held at,
+# `scan` the line of directions. Rays a pixel of the truth, squared: the facets of the dull floor are noise.
 SCENES = {
-    "floor": dict(scene="floor", declare="", surfaces=["floor"], directions=16, truth=10),
-    "floor-mirror": dict(scene="floor", declare="Mirror=1", surfaces=["floor"], directions=32, truth=7),
-    "bottle": dict(scene="bottle", declare="", surfaces=["bottle"], directions=32, truth=7),
-    "box": dict(scene="box", declare="", surfaces=None, directions=16, truth=7),
-    "cube": dict(scene="cube", declare="", surfaces=None, directions=16, truth=7),
-    "pond": dict(scene="pond", declare="", surfaces=["water"], directions=32, truth=7),
+    "dull": dict(scene="floor", declare="Mirror=0", surfaces=["floor"], directions=16, scan=[4, 8, 16], truth=10),
+    "floor": dict(scene="floor", declare="Mirror=1", surfaces=["floor"], directions=32, scan=[4, 8, 16, 32], truth=7),
+    "bottle": dict(scene="bottle", declare="", surfaces=["bottle"], directions=32, scan=[4, 8, 16, 32, 64], truth=7),
+    "box": dict(scene="box", declare="", surfaces=None, directions=16, scan=[4, 8, 16], truth=7),
+    "cube": dict(scene="cube", declare="", surfaces=None, directions=32, scan=[4, 8, 16, 32, 64], truth=7),
+    "pond": dict(scene="pond", declare="", surfaces=["water"], directions=16, scan=[8, 16, 32], truth=7),
 }
-QUICK = dict(texels=dict(floor=128, bottle=64, box=64, cube=64, pond=128),
-             scan={"floor": [4, 8, 16], "floor-mirror": [4, 8, 16, 32], "bottle": [4, 8, 16, 32],
-                   "box": [4, 8, 16], "cube": [4, 8, 16], "pond": [16, 32]},
-             views=2)
-PAPER = dict(texels=dict(floor=128, bottle=256, box=128, cube=128, pond=128),
-             scan={name: [4, 8, 16, 32, 64] for name in SCENES}, views=6)
+VIEWS = dict(preview=2, paper=6)
 DICE_PX = [2, 8, 16, 32, 64]
 CACHES = [0, 10, 100, 1000, 65536]
 PAPER_CACHES = ["all", "all-1", "1000", "100", "10", "4", "1", "0"]
@@ -52,7 +49,7 @@ class Report:
     def __init__(self, quality, only):
         self.quality = quality
         self.only = only
-        self.plan = PAPER if quality == "paper" else QUICK
+        self.baked = set()
         self.folder = BUILD / "report" / quality
         (self.folder / "measured").mkdir(parents=True, exist_ok=True)
         (self.folder / "pictures").mkdir(exist_ok=True)
@@ -73,49 +70,33 @@ class Report:
 
     # ---- Files -------------------------------------------------------------------------------------
 
-    def declare(self, name, directions, texels):
-        return f"{SCENES[name]['declare']} Directions={directions} Texels={texels}".strip()
-
-    def texels(self, name):
-        return self.plan["texels"][SCENES[name]["scene"]]
-
-    def bake(self, name, directions=None, texels=None):
-        """A bake of the scene: (file, seconds of processor time)."""
-        directions = directions or SCENES[name]["directions"]
-        texels = texels or self.texels(name)
-        prefix = "report-paper" if self.quality == "paper" else "report"
-        bake = f"{prefix}-{name}-{directions}-{texels}"
-        path = BUILD / f"{bake}.slf"
-
-        def bake_it():
-            return run(["make", "-s", "bake", f"SCENE={SCENES[name]['scene']}", f"NAME={bake}",
-                        f"QUALITY={self.quality}", f"DECLARE={self.declare(name, directions, texels)}"])
-
-        def make():
-            begun = (BUILD / "bake" / bake).exists()
-            cpu_s = bake_it()
-            # Of a bake that was stopped the time is not known.
-            return dict(cpu_s=None if begun else cpu_s)
-
-        if not path.exists():
-            self.forget(f"bake-{bake}")
-        measured = self.kept(f"bake-{bake}", make)
-        if path.stat().st_mtime < os.stat(BUILD / "bake/pack").st_mtime:
-            path.unlink()  # another codec's: packed again out of what was rendered
-            bake_it()
-        return path, measured["cpu_s"]
+    def bake(self, name, directions=None):
+        """A bake of the scene: (file, seconds of processor time or None where that is not known). A quick report
+        takes the bakes that are there; one of the paper's sizes has make see that they are those."""
+        bake = f"{name}-{directions or SCENES[name]['directions']}"
+        path = BUILD / f"bench-{bake}.slf"
+        if bake not in self.baked and (self.quality == "paper" or not readable(path)):
+            print(f"report: bake {bake}", flush=True)
+            run(["tests/bench/bakes.sh", bake], QUALITY=self.quality)
+        self.baked.add(bake)
+        cpu_s = path.with_suffix(".cpu_s")
+        return path, float(cpu_s.read_text()) if cpu_s.exists() else None
 
     def forget(self, key):
         (self.folder / "measured" / (key + ".json")).unlink(missing_ok=True)
 
-    def recode(self, file, angular, quality):
-        out = self.folder / f"{file.stem}-{angular}-{quality:g}.slf"
+    def recode(self, file, angular, quality, *halved):
+        out = self.folder / ("-".join([file.stem, angular, f"{quality:g}", *halved]) + ".slf")
         key = f"recode-{out.stem}"
         if not out.exists():
             self.forget(key)
         made = self.kept(key, lambda: dict(cpu_s=run(
-            [BUILD / "report/recode", file, angular, f"{quality:g}", out])), file)
+            [BUILD / "report/recode", file, angular, f"{quality:g}", out, *halved])), file)
         return out, made["cpu_s"]
+
+    def halved(self, name, file):
+        """With half the texels each way, each the mean of four: what a bake of that many would hold."""
+        return self.recode(file, "layered", 90, "half")[0]
 
     def info(self, file):
         return self.kept(f"info-{file.stem}",
@@ -179,7 +160,7 @@ class Report:
     def views(self, name):
         lines = pathlib.Path(f"scenes/{SCENES[name]['scene']}/views").read_text().splitlines()
         names = [line.split()[0] for line in lines if line.split("#")[0].strip()]
-        return names[:self.plan["views"]]
+        return names[:VIEWS[self.quality]]
 
     def difference(self, name, a_of_view, b_of_view, base):
         """Mean over the views of how pictures differ where shiny surfaces are seen."""
@@ -220,19 +201,34 @@ class Report:
     def scene_points(self):
         table = []
         for name in SCENES:
-            file, bake_s = self.base(name)
-            table.append(dict(scene=name, **self.point(name, file, bake_s, file, name)))
+            file, bake_s = self.bake(name, SCENES[name]["scan"][-1])
+            base, _ = self.base(name)
+            table.append(dict(scene=name, **self.point(name, file, bake_s, base, name)))
         return table
 
+    def draw_ahead(self, name):
+        """The pictures that errors are told from, drawn side by side: none of them is timed."""
+        file, _ = self.base(name)
+        files = [(self.bake(name, n)[0], []) for n in SCENES[name]["scan"]]
+        files += [(self.halved(name, file), [])] + [(self.recode(file, "layered", q)[0], []) for q in QUALITIES]
+        files += [(file, ["--dice", dice]) for dice in [1] + DICE_PX]
+        views = self.views(name)
+        for view in views:
+            self.mask(name, file, view)
+        with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(lambda job: self.drawn(job[0][0], job[1], *job[0][1]),
+                          [(f, v) for f in files for v in views]))
+
     def speed_against_error(self, name):
+        self.draw_ahead(name)
         file, bake_s = self.base(name)
+        texels = self.shiny(file)["texels"][0]
         lines = {"directions": [], "texels": [], "quality": [], "dice": [], "cache": []}
-        for directions in self.plan["scan"][name]:
+        for directions in SCENES[name]["scan"]:
             other, other_s = self.bake(name, directions)
             lines["directions"].append(self.point(name, other, other_s, file, directions))
-        for texels in [self.texels(name) // 2, self.texels(name)]:
-            other, other_s = self.bake(name, None, texels)
-            lines["texels"].append(self.point(name, other, other_s, file, texels))
+        lines["texels"] = [self.point(name, self.halved(name, file), None, file, texels // 2),
+                           self.point(name, file, bake_s, file, texels)]
         for quality in QUALITIES:
             other, _ = self.recode(file, "layered", quality)
             lines["quality"].append(self.point(name, other, bake_s, file, quality))
@@ -252,9 +248,9 @@ class Report:
 
     def where_from(self, name, file):
         """RMSE in codes between pictures that differ in one thing only; and against the truth."""
-        directions, texels = SCENES[name]["directions"], self.texels(name)
+        directions, texels = SCENES[name]["directions"], self.shiny(file)["texels"][0]
         fewer, _ = self.bake(name, directions // 2)
-        coarser, _ = self.bake(name, None, texels // 2)
+        coarser = self.halved(name, file)
         smaller, _ = self.recode(file, "layered", 60)
 
         def between(key, other, options_a=(), options_b=()):
@@ -304,8 +300,8 @@ class Report:
         return other, middle
 
     def figure_4(self):
-        file, _ = self.base("floor")
-        view = self.views("floor")[0]
+        file, _ = self.base("dull")
+        view = self.views("dull")[0]
         flat = self.drawn(file, view)
         result = dict(reference=str(flat), pictures=[])
         for ratio in (11, 24, 36):
@@ -315,7 +311,7 @@ class Report:
                     wanted=ratio, angular=angular, quality=quality, ratio=self.shiny(other)["ratio"],
                     picture=str(self.drawn(other, view)),
                     **self.kept(f"figure4-{other.stem}", lambda: self.difference(
-                        "floor", lambda v: self.drawn(file, v), lambda v: self.drawn(other, v), file), other)))
+                        "dull", lambda v: self.drawn(file, v), lambda v: self.drawn(other, v), file), other)))
         return result
 
     def figure_6(self):
@@ -361,19 +357,23 @@ class Report:
 
     def growth(self):
         """A room in closed form: light fields of any size without a ray tracer."""
-        lines = {"directions": [], "texels": []}
+        lines = {"directions": [], "texels": [], "surfaces": []}
         more = self.quality == "paper"
-        wanted = [("directions", n, 32, n) for n in (4, 8, 16, 32, *([64] * more))]
-        wanted += [("texels", n, n, 8) for n in (16, 32, 64, 128, *([256] * more))]
-        for line, x, texels, directions in wanted:
-            file = self.folder / f"room-{texels}-{directions}.slf"
-            if not file.exists():
+        wanted = [("directions", n, 32, n, 1) for n in (4, 8, 16, 32, *([64] * more))]
+        wanted += [("texels", n, n, 8, 1) for n in (16, 32, 64, 128, *([256] * more))]
+        wanted += [("surfaces", n * n, 128, 8, n) for n in (1, 2, 4, 8)]
+        for line, x, texels, directions, tiles in wanted:
+            file = self.folder / f"room-{texels}-{directions}-{tiles}.slf"
+            if not file.exists() or not readable(file):
                 self.forget(f"make-{file.stem}")
             made = self.kept(f"make-{file.stem}", lambda: dict(cpu_s=run(
-                [BUILD / "bench/room", texels, directions, 1, 85, file])), BUILD / "bench/room")
+                [BUILD / "bench/room", texels, directions, 1, 85, file, 32, tiles])), BUILD / "bench/room")
             clock = self.frame_time(file)
             lines[line].append(dict(x=x, make_s=made["cpu_s"], **clock, **self.shiny(file),
                                     file_nbytes=self.info(file)["file_nbytes"]))
+        files = [self.bake(name, n)[0] for name in SCENES for n in SCENES[name]["scan"]]
+        lines["file"] = sorted((dict(x=self.info(f)["file_nbytes"], **self.frame_time(f)) for f in files),
+                               key=lambda p: p["x"])
         return lines
 
     # ---- All of it -----------------------------------------------------------------------------------
@@ -402,8 +402,10 @@ class Report:
         result["figure_7"] = self.figure_7()
         result["figure_8"] = self.figure_8()
         result["growth"] = self.growth()
-        bench = BUILD / "bench.json"
-        result["bench"] = json.loads(bench.read_text()) if bench.exists() else {}
+        result["bench"] = {}
+        for part in sorted((BUILD / "bench").glob("*.json")):  # what make bench has measured so far
+            if part.stem in ("codec", "viewer", "pond", "bake", "depth"):
+                result["bench"].update(json.loads(part.read_text()))
         result["speed_against_error"] = {name: self.speed_against_error(name) for name in SCENES}
         return result
 
@@ -411,15 +413,21 @@ class Report:
 # ---- Programs --------------------------------------------------------------------------------------
 
 def run(command, **environment):
-    """Runs it and returns its processor time in seconds; its messages are shown if it fails."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    """Runs it and returns its processor time in seconds, children and all; its messages are shown if it fails."""
     clean = {k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MFLAGS", "MAKELEVEL")}
-    done = subprocess.run([str(c) for c in command], env={**clean, **environment}, text=True,
-                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-    if done.returncode != 0:
-        sys.exit(f"report: {' '.join(str(c) for c in command)}: exit {done.returncode}\n{done.stdout}")
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    with tempfile.TemporaryFile("w+") as said:
+        child = subprocess.Popen([str(c) for c in command], env={**clean, **environment}, stdout=said, stderr=said)
+        _, status, usage = os.wait4(child.pid, 0)
+        child.returncode = os.waitstatus_to_exitcode(status)
+        if child.returncode != 0:
+            said.seek(0)
+            sys.exit(f"report: {' '.join(str(c) for c in command)}: exit {child.returncode}\n{said.read()}")
+    return usage.ru_utime + usage.ru_stime
+
+
+def readable(file):
+    return file.exists() and subprocess.run([BUILD / "slf", "info", file], stdout=subprocess.DEVNULL,
+                                            stderr=subprocess.DEVNULL).returncode == 0
 
 
 def output(command, **environment):
