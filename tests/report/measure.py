@@ -393,7 +393,7 @@ class Report:
         result = dict(machine=machine(), quality=self.quality, size=SIZE, samples=SAMPLES)
         result["scenes"] = self.scene_points()
         if self.only == "scenes":
-            return result
+            return dict(only="scenes", **result)
         result["stability"] = self.kept("stability", self.stability,
                                         *pathlib.Path("tests/stability").glob("*.c"))
         result["tables"] = self.tables()

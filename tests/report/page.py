@@ -79,14 +79,23 @@ def scenes_rows(points):
              f"{p['flip']:.3f}", f"{p['moving_ms']:.1f} ms", seconds(p["bake_s"])] for p in points]
 
 
+README = pathlib.Path("README.md")
+BEGIN, END = "<!-- scenes: written by make report-scenes -->\n", "<!-- end of scenes -->"
+
+
 def write_scenes(result):
     lines = ["| " + " | ".join(SCENES_HEAD) + " |", "|" + "---|" * len(SCENES_HEAD)]
     lines += ["| " + " | ".join(row) + " |" for row in scenes_rows(result["scenes"])]
-    lines += ["", f"Quality `{result['quality']}`; shiny surfaces only; error against POV-Ray over the pixels that "
-              f"show them, {result['size']}, mean of the scene's views. Frame: a moving camera, everything drawn in "
-              f"software, processor time; bake: processor time. {result['machine']['processor']}, "
-              f"{result['machine']['date'][:10]}. Made by `make report-scenes`.", ""]
+    lines += ["", f"Shiny surfaces only, small bakes (`tests/bench/bakes`). Error: against POV-Ray over the pixels that",
+              f"show them, {result['size']}, mean of views that nothing was tuned on. Frame: a moving camera, everything",
+              f"drawn in software; frame and bake in processor time of one {result['machine']['processor']}.", ""]
     (OUT / "scenes.md").write_text("\n".join(lines))
+    if result.get("only") == "scenes":
+        text = README.read_text()
+        before, _, rest = text.partition(BEGIN)
+        _, _, after = rest.partition(END)
+        if after:
+            README.write_text(before + BEGIN + "\n" + "\n".join(lines) + END + after)
 
 
 # ---- 1. Speed against error ------------------------------------------------------------------------
@@ -280,21 +289,29 @@ def section_peers(result):
 # ---- 4. Growth -------------------------------------------------------------------------------------
 
 def section_growth(result):
-    figure, grid = plt.subplots(2, 4, figsize=(12, 5))
+    lines = [("directions", NAMES["directions"]), ("texels", NAMES["texels"]), ("surfaces", "surfaces"),
+             ("file", "file, bytes")]
     wanted = [("still_ms", "frame, camera still, ms"), ("moving_ms", "frame, camera moving, ms"),
-              ("resident_nbytes", "memory, bytes"), ("nbytes", "light fields, bytes")]
-    for row, (line, points) in enumerate(result["growth"].items()):
-        for column, (key, title) in enumerate(wanted):
+              ("open_ms", "opening, ms"), ("resident_nbytes", "memory, bytes"), ("nbytes", "light fields, bytes"),
+              ("make_s", "making it, s")]
+    figure, grid = plt.subplots(len(wanted), len(lines), figsize=(12, 11))
+    for column, (line, across) in enumerate(lines):
+        points = result["growth"][line]
+        for row, (key, title) in enumerate(wanted):
             axes = grid[row][column]
-            axes.plot([p["x"] for p in points], [p[key] for p in points], MARKERS[line] + "-", color=COLOURS[line])
-            axes.set_xscale("log", base=2)
-            if key == "nbytes":
+            if key not in points[0]:
+                axes.axis("off")
+                continue
+            axes.plot([p["x"] for p in points], [p[key] for p in points], MARKERS.get(line, "o") + ("" if line == "file" else "-"),
+                      color=COLOURS.get(line, "#37352f"), markersize=4)
+            axes.set_xscale("log", base=10 if line == "file" else 2)
+            if key in ("nbytes", "make_s"):
                 axes.set_yscale("log")
             else:
                 axes.set_ylim(bottom=0)
-            axes.set_xlabel(NAMES[line])
-            if row == 0:
-                axes.set_title(title)
+            axes.set_xlabel(across)
+            if column == 0:
+                axes.set_ylabel(title)
     figure.tight_layout()
     bakes = [p for scene in result["speed_against_error"].values() for p in scene["lines"]["directions"] if p["bake_s"]]
     second, axes = plt.subplots(figsize=(6, 3))
@@ -307,8 +324,8 @@ def section_growth(result):
     axes.set_ylabel("bake, s of processor time")
     axes.legend(fontsize=7)
     return ("<h2>4. Growth</h2><p>A room in closed form with a mirror floor and a mirror ball: light fields of any size "
-            "without a ray tracer. What a frame costs follows the texels that are seen, not the directions that are "
-            "stored.</p>" + save(figure, "growth") + (save(second, "growth-bake") if bakes else ""))
+            "without a ray tracer; and, last, the baked files of this page. What a frame costs follows the texels that "
+            "are seen, not the directions that are stored; what a file's opening and memory cost follows its index.</p>" + save(figure, "growth") + (save(second, "growth-bake") if bakes else ""))
 
 
 # ---- 5. Hard cases ---------------------------------------------------------------------------------
