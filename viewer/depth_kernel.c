@@ -357,45 +357,56 @@ static void judge(const depth_cell *cell, const bundle *b, const f8 *code, verdi
   v->score = score, v->agreed = agreed;
 }
 
+/* Takes b's lanes of the mask over into a. */
+static void take(verdict *a, const verdict *b, const i8 *mask) {
+  a->code = choose(*mask, b->code, a->code);
+  a->agreed = choose(*mask, b->agreed, a->agreed);
+  a->score = choose(*mask, b->score, a->score);
+  for (int k = 0; k < 4; k++) {
+    a->weight[k] = choose(*mask, b->weight[k], a->weight[k]);
+    a->at[k].fx = choose(*mask, b->at[k].fx, a->at[k].fx);
+    a->at[k].fy = choose(*mask, b->at[k].fy, a->at[k].fy);
+    a->at[k].texel = (i8)choose(*mask, (f8)b->at[k].texel, (f8)a->at[k].texel);
+  }
+}
+
 /* ---- Mixing ------------------------------------------------------------------------------------
  */
 
 #if defined(__AVX2__)
 /* Channels of neighbouring texels side by side, the upper row's before the lower's, squared, times
  * their weights. */
-INLINE __m256i weigh(const uint8_t *texels, const int32_t weights[2]) {
+INLINE __m256i weigh(const uint8_t *texels, int32_t upper, int32_t lower_two) {
   const __m256i pairs = _mm256_broadcastsi128_si256(
       _mm_setr_epi8(0, -1, 4, -1, 1, -1, 5, -1, 2, -1, 6, -1, 3, -1, 7, -1));
-  const __m256i rows = _mm256_setr_epi32(0, 0, 0, 0, 1, 1, 1, 1);
-  __m128i upper = _mm_loadl_epi64((const __m128i *)(const void *)texels);
-  __m128i lower = _mm_loadl_epi64((const __m128i *)(const void *)(texels + PAGE_ROW_NBYTES));
-  __m256i both = _mm256_shuffle_epi8(_mm256_set_m128i(lower, upper), pairs);
-  double w;
-  memcpy(&w, weights, sizeof w);
-  __m256 spread = _mm256_permutevar_ps(_mm256_castpd_ps(_mm256_set1_pd(w)), rows);
+  __m128i top = _mm_loadl_epi64((const __m128i *)(const void *)texels);
+  __m128i bottom = _mm_loadl_epi64((const __m128i *)(const void *)(texels + PAGE_ROW_NBYTES));
+  __m256i both = _mm256_shuffle_epi8(_mm256_set_m128i(bottom, top), pairs);
+  __m256i weights =
+      _mm256_blend_epi32(_mm256_set1_epi32(upper), _mm256_set1_epi32(lower_two), 0xf0);
   both = _mm256_srli_epi16(_mm256_mullo_epi16(both, both), 1);
-  return _mm256_madd_epi16(both, _mm256_castps_si256(spread));
+  return _mm256_madd_epi16(both, weights);
 }
 
-INLINE void mix_lane(const uint8_t *bytes, const int32_t texels[4], const int32_t weights[4][2],
-                     float rgba[4]) {
-  __m256i a =
-      _mm256_add_epi32(weigh(bytes + texels[0], weights[0]), weigh(bytes + texels[1], weights[1]));
-  __m256i b =
-      _mm256_add_epi32(weigh(bytes + texels[2], weights[2]), weigh(bytes + texels[3], weights[3]));
-  __m256i sum = _mm256_add_epi32(a, b);
-  __m128i all_rows = _mm_add_epi32(_mm256_castsi256_si128(sum), _mm256_extracti128_si256(sum, 1));
-  __m128 light = _mm_mul_ps(_mm_cvtepi32_ps(all_rows), _mm_set1_ps(2.0f / PAGE_WHITE / WHOLE));
+/* One lane of mix's arrays, LANES numbers a slice. */
+INLINE void mix_lane(const uint8_t *bytes, const int32_t *texel, const int32_t *upper,
+                     const int32_t *lower_two, float rgba[4]) {
+  __m256i sum = _mm256_setzero_si256();
+  for (int k = 0; k < 4 * LANES; k += LANES)
+    sum = _mm256_add_epi32(sum, weigh(bytes + texel[k], upper[k], lower_two[k]));
+  __m128i rows = _mm_add_epi32(_mm256_castsi256_si128(sum), _mm256_extracti128_si256(sum, 1));
+  __m128 light = _mm_mul_ps(_mm_cvtepi32_ps(rows), _mm_set1_ps(2.0f / PAGE_WHITE / WHOLE));
   _mm_storeu_ps(rgba, _mm_blend_ps(light, _mm_set1_ps(1), 8));
 }
 #else
-INLINE void mix_lane(const uint8_t *bytes, const int32_t texels[4], const int32_t weights[4][2],
-                     float rgba[4]) {
+INLINE void mix_lane(const uint8_t *bytes, const int32_t *texel, const int32_t *upper,
+                     const int32_t *lower_two, float rgba[4]) {
   int32_t sum[3] = {0, 0, 0};
-  for (int k = 0; k < 4; k++)
+  for (int k = 0; k < 4 * LANES; k += LANES)
     for (int row = 0; row < 2; row++) {
-      const uint8_t *left = bytes + texels[k] + row * PAGE_ROW_NBYTES, *right = left + 4;
-      int32_t w_left = weights[k][row] & 0xffff, w_right = weights[k][row] >> 16;
+      const uint8_t *left = bytes + texel[k] + row * PAGE_ROW_NBYTES, *right = left + 4;
+      int32_t weights = row ? lower_two[k] : upper[k];
+      int32_t w_left = weights & 0xffff, w_right = weights >> 16;
       for (int c = 0; c < 3; c++)
         sum[c] += (left[c] * left[c] >> 1) * w_left + (right[c] * right[c] >> 1) * w_right;
     }
@@ -407,21 +418,23 @@ INLINE void mix_lane(const uint8_t *bytes, const int32_t texels[4], const int32_
 /* The slices' mean where they see the verdict's height, of the lanes in the mask. */
 INLINE void mix(const depth_cell *cell, const verdict *v, const uint8_t *of, unsigned mask,
                 depth_rays *rays) {
-  /* Of each lane, for each slice: where its texels are, and the weights of the upper two and of the
-   * lower two. */
-  int32_t texel[LANES][4], weights[LANES][4][2];
+  /* For each slice: where each lane's texels are, and the weights of the upper two and of the lower
+   * two. */
+  int32_t texel[4][LANES], upper[4][LANES], lower_two[4][LANES];
   f8 white = (float)WHOLE / larger(v->agreed, all(1e-6f));
   for (int k = 0; k < 4; k++) {
     f8 w = v->weight[k] * white, w_bottom = w * v->at[k].fy, w_top = w - w_bottom;
     f8 bottom_right = w_bottom * v->at[k].fx, top_right = w_top * v->at[k].fx;
     i8 a = to_int(w_top - top_right + 0.5f), b = to_int(top_right + 0.5f);
     i8 c = to_int(w_bottom - bottom_right + 0.5f), d = to_int(bottom_right + 0.5f);
-    i8 upper = a | b << 16, under = c | d << 16, at = v->at[k].texel;
-    for (int l = 0; l < LANES; l++)
-      texel[l][k] = at[l], weights[l][k][0] = upper[l], weights[l][k][1] = under[l];
+    i8 above = a | b << 16, below = c | d << 16;
+    memcpy(upper[k], &above, sizeof above);
+    memcpy(lower_two[k], &below, sizeof below);
+    memcpy(texel[k], &v->at[k].texel, sizeof v->at[k].texel);
   }
   for (int l = 0; l < LANES; l++)
-    if (mask >> l & 1) mix_lane(cell->pages->bytes, texel[l], weights[l], rays->rgba[of[l]]);
+    if (mask >> l & 1)
+      mix_lane(cell->pages->bytes, texel[0] + l, upper[0] + l, lower_two[0] + l, rays->rgba[of[l]]);
 }
 
 /* ---- Finding heights ---------------------------------------------------------------------------
@@ -456,9 +469,16 @@ static unsigned mix_bundle(const depth_cell *cell, depth_rays *rays, const uint8
   code = choose(magnitude(code - guess) < 4.0f * tolerance(guess), code, guess);
   judge(cell, &b, &code, &v);
   i8 good = v.score > load(wanted);
+  if (mask_bits(~good & (code != guess))) {
+    verdict unmoved;
+    judge(cell, &b, &guess, &unmoved);
+    i8 better = ~good & (unmoved.score > v.score);
+    take(&v, &unmoved, &better);
+    good = v.score > load(wanted);
+  }
   unsigned mask = mask_bits(good) & ((1u << count) - 1);
   for (int l = 0; l < count; l++)
-    if (mask >> l & 1) rays->code[texels[l]] = code[l], rays->score[texels[l]] = v.score[l];
+    if (mask >> l & 1) rays->code[texels[l]] = v.code[l], rays->score[texels[l]] = v.score[l];
   if (mask) mix(cell, &v, texels, mask, rays);
   return mask;
 }

@@ -335,7 +335,7 @@ static void mix_four_tap(depth_mixer *m, ray *r, float rgb[3]) {
 
 /* What was found for a texel last time is where it is looked for next. Every REFRESH-th texel with
  * some slices that disagree forgets, so that nothing wrong stays. */
-enum { REFRESH = 32 };
+enum { REFRESH = 64 };
 
 static memory *recall(depth_mixer *m, uint32_t block_u, uint32_t block_v) {
   size_t block = (size_t)block_v * m->block_u_count + block_u;
@@ -444,31 +444,70 @@ static bool guess(const depth_rays *rays, const memory *last, uint32_t k, guess_
   return from->kind == SEEN_NEAR && (origin == GUESS_AGAIN || last[k].kind != SEEN_UNKNOWN);
 }
 
-/* Mixes what it can of the texels, all of one cell, from what is guessed; the others stay in the
- * list. */
+/* A list of texels of one cell: those from `next` on are to be looked at, the first `kept` stay. */
+typedef struct {
+  uint8_t *texels;
+  int count, next, kept;
+} texel_list;
+
+/* Up to eight texels of a list and what is guessed of them. */
+typedef struct {
+  uint8_t texels[LANES];
+  float codes[LANES], wanted[LANES];
+  int count;
+} guessed;
+
+/* A whole row, if it is next in the list and at least one of its texels has a guess. */
+static bool pick_row(const depth_rays *rays, const memory *last, guess_origin origin,
+                     texel_list *list, guessed *out) {
+  const uint8_t *row = list->texels + list->next;
+  int known = 0;
+  if (row[0] % 8 != 0 || list->next + 7 >= list->count || row[7] != row[0] + 7) return false;
+  for (int l = 0; l < LANES; l++) {
+    bool has = guess(rays, last, row[l], origin, &out->codes[l], &out->wanted[l]);
+    if (!has) out->codes[l] = 0, out->wanted[l] = INFINITY;
+    known += has;
+  }
+  if (!known) return false;
+  memcpy(out->texels, row, LANES);
+  list->next += LANES, out->count = LANES;
+  return true;
+}
+
+/* Texels that have a guess; the others stay in the list. */
+static void pick_some(const depth_rays *rays, const memory *last, guess_origin origin,
+                      texel_list *list, guessed *out) {
+  out->count = 0;
+  for (; list->next < list->count && out->count < LANES; list->next++) {
+    uint8_t k = list->texels[list->next];
+    int l = out->count;
+    if (guess(rays, last, k, origin, &out->codes[l], &out->wanted[l]))
+      out->texels[out->count++] = k;
+    else
+      list->texels[list->kept++] = k;
+  }
+  for (int l = out->count; l < LANES && out->count; l++)
+    out->codes[l] = out->codes[0], out->wanted[l] = out->wanted[0];
+}
+
+/* Mixes what it can of the texels from what is guessed, and returns how many are left. Whole rows
+ * are quicker, even if some of their texels have no guess. */
 static int mix_guessed(depth_mixer *m, const depth_cell *cell, depth_rays *rays, uint8_t *texels,
                        int count, const memory *last, guess_origin origin, memory *now) {
-  int kept = 0;
-  for (int n = 0; n < count;) {
-    uint8_t eight[LANES];
-    float guesses[LANES], wanted[LANES];
-    int found = 0;
-    for (; n < count && found < LANES; n++)
-      if (guess(rays, last, texels[n], origin, &guesses[found], &wanted[found]))
-        eight[found++] = texels[n];
-      else
-        texels[kept++] = texels[n];
-    if (found == 0) break;
-    for (int l = found; l < LANES; l++) guesses[l] = guesses[0], wanted[l] = wanted[0];
-    unsigned mixed = m->kernel->mix(cell, rays, eight, found, guesses, wanted);
+  texel_list list = {texels, count, 0, 0};
+  while (list.next < count) {
+    guessed g;
+    if (!pick_row(rays, last, origin, &list, &g)) pick_some(rays, last, origin, &list, &g);
+    if (g.count == 0) break;
+    unsigned mixed = m->kernel->mix(cell, rays, g.texels, g.count, g.codes, g.wanted);
     m->counts.foretold_count += (uint64_t)__builtin_popcount(mixed);
-    for (int l = 0; l < found; l++)
+    for (int l = 0; l < g.count; l++)
       if (mixed >> l & 1)
-        remember(rays, eight[l], now, SEEN_NEAR);
+        remember(rays, g.texels[l], now, SEEN_NEAR);
       else
-        texels[kept++] = eight[l];
+        texels[list.kept++] = g.texels[l];
   }
-  return kept;
+  return list.kept;
 }
 
 /* Row by row, so that each row foretells the next. */
