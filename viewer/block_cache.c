@@ -33,10 +33,7 @@ typedef struct {
 enum { LEVEL_COUNT = ANGULAR_MAX_LEVEL + 1 };
 
 /* A run of missing slices of one place, to be decompressed ahead. */
-enum {
-  MOST_THREADS = 64,
-  WORTH_A_THREAD = 200 /* blocks: some 0.1 ms, where a thread takes 0.02 ms to begin */
-};
+enum { MOST_THREADS = 64 };
 typedef struct {
   cached_layer *layer;
   uint16_t block_u, block_v;
@@ -303,6 +300,8 @@ static void fetch_blocks(void *context, uint32_t block_u, uint32_t block_v,
   assert(count <= BLOCK_MAX_SLICES);
 
   begin_fetch(cache, count);
+  for (size_t i = 0; i < count; i++)
+    __builtin_prefetch(&cache->table[home_of(cache, base | slices[i])]);
   for (size_t i = 0; i < count; i++) {
     uint64_t key = base | slices[i];
     table_entry *entry = &cache->table[find_entry(cache, key)];
@@ -344,11 +343,11 @@ void block_cache_announce(void *context, uint32_t block_u, uint32_t block_v,
                         .count = (uint32_t)cache->announced_count - first};
 }
 
-double block_cache_forget_announced(block_cache *cache) {
-  double share =
-      cache->asked_count ? (double)cache->announced_count / (double)cache->asked_count : 0;
+void block_cache_forget_announced(block_cache *cache, size_t *announced_count,
+                                  size_t *missing_count) {
+  *announced_count = cache->asked_count;
+  *missing_count = cache->announced_count;
   cache->run_count = cache->announced_count = cache->asked_count = 0;
-  return share;
 }
 
 static void *decompress_runs(void *context) {
@@ -364,7 +363,7 @@ static void *decompress_runs(void *context) {
 
 void block_cache_decompress_announced(block_cache *cache, uint32_t thread_count) {
   pthread_t threads[MOST_THREADS];
-  uint32_t started = 0, useful = (uint32_t)(cache->announced_count / WORTH_A_THREAD) + 1;
+  uint32_t started = 0;
   begin_fetch(cache, 0);
   begin_fetch(cache, 0); /* nothing is pinned */
   while (cache->resident > 0 && cache->resident + cache->announced_count > cache->capacity)
@@ -384,13 +383,12 @@ void block_cache_decompress_announced(block_cache *cache, uint32_t thread_count)
   cache->counts.frame_hits -= cache->announced_count;
   atomic_store(&cache->next_run, 0);
   if (thread_count > MOST_THREADS) thread_count = MOST_THREADS;
-  if (thread_count > useful) thread_count = useful;
   /* A thread that does not start leaves its share to the others. */
   for (uint32_t i = 1; i < thread_count; i++)
     started += pthread_create(&threads[started], NULL, decompress_runs, cache) == 0;
   decompress_runs(cache);
   for (uint32_t i = 0; i < started; i++) pthread_join(threads[i], NULL);
-  block_cache_forget_announced(cache);
+  cache->run_count = cache->announced_count = cache->asked_count = 0;
 }
 
 void block_cache_clear(block_cache *cache) {

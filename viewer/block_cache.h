@@ -60,8 +60,9 @@ block_source block_cache_level(block_cache *cache, uint32_t surface_index, uint3
  * unused. Each block is announced once before they are decompressed. */
 void block_cache_announce(void *context, uint32_t block_u, uint32_t block_v,
                           const slice_index *slices, size_t count);
-/* The share of the announced blocks that are missing; forgets them. */
-double block_cache_forget_announced(block_cache *cache);
+/* How many were announced, and of them are missing; forgets them. */
+void block_cache_forget_announced(block_cache *cache, size_t *announced_count,
+                                  size_t *missing_count);
 /* Not while blocks that were fetched are in use. */
 void block_cache_decompress_announced(block_cache *cache, uint32_t thread_count);
 

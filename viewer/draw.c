@@ -30,6 +30,10 @@ typedef struct {
   bool was_bent; /* the latest texture shows ripples */
 } drawn_surface;
 
+/* Below some 2 ms of decompression nobody waits; above, a thread that others keep from its
+ * processor costs little of it. */
+enum { AHEAD_BLOCKS = 4000 };
+
 struct drawing {
   const slf_file *file;
   drawing_options options;
@@ -305,7 +309,8 @@ static bool create_surface(drawing *d, uint32_t index) {
                         d->options.dice_px))
       return false;
     if (!d->options.source)
-      texture_decode_ahead(&layer->four_tap, d->cache, (uint32_t)sysconf(_SC_NPROCESSORS_ONLN));
+      texture_decode_ahead(&layer->four_tap, d->cache, (uint32_t)sysconf(_SC_NPROCESSORS_ONLN),
+                           AHEAD_BLOCKS);
     if (has_depth(surface, k) && !create_by_depth(d, index, k)) return false;
     choose_texture(d, index, k);
   }

@@ -171,8 +171,11 @@ static void announce(texture *x, uint32_t step) {
 /* Finding the directions and slices of all blocks twice costs about half of an update that finds
  * everything decompressed, so a few blocks tell first whether that is worth it. */
 static void decode_ahead(texture *x) {
-  announce(x, 13); /* no divisor of a row's blocks, mostly */
-  if (block_cache_forget_announced(x->ahead) < 0.5) return;
+  enum { STEP = 13 }; /* mostly no divisor of a row's blocks */
+  size_t announced_count, missing_count;
+  announce(x, STEP);
+  block_cache_forget_announced(x->ahead, &announced_count, &missing_count);
+  if (2 * missing_count < announced_count || STEP * missing_count < x->least_count) return;
   announce(x, 1);
   block_cache_decompress_announced(x->ahead, x->thread_count);
 }
@@ -238,8 +241,10 @@ void texture_use_slices(texture *x, uint32_t s_count, uint32_t t_count, block_so
   resampler_use_slices(x->resampler, s_count, t_count, source);
 }
 
-void texture_decode_ahead(texture *x, block_cache *cache, uint32_t thread_count) {
+void texture_decode_ahead(texture *x, block_cache *cache, uint32_t thread_count,
+                          size_t least_count) {
   x->ahead = cache;
+  x->least_count = least_count;
   x->thread_count = thread_count;
 }
 

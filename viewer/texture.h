@@ -36,6 +36,7 @@ typedef struct {
   block_source source;
   block_cache *ahead; /* see texture_decode_ahead */
   uint32_t thread_count;
+  size_t least_count;
   depth_mixer *depth; /* mixes instead of the resampler, if not NULL; freed with the texture */
   /* R G B A in half floats, linear. Level 0 has rows and columns for whole blocks, 64 bytes a block
    * and row. */
@@ -63,9 +64,11 @@ void texture_use_kernel(texture *x, resample_kernel kernel);
 
 /* Another light field of the same texels, see resampler_use_slices. */
 void texture_use_slices(texture *x, uint32_t s_count, uint32_t t_count, block_source source);
-/* The source is of this cache: where most of what an update needs is missing, decompress it first,
- * on several threads. What comes out is the same. Not done for ripples and for the mix by depth. */
-void texture_decode_ahead(texture *x, block_cache *cache, uint32_t thread_count);
+/* The source is of this cache: where half of what an update needs is missing, and at least
+ * least_count blocks are, they are decompressed first, on several threads. What comes out is the
+ * same. Not done for ripples and for the mix by depth. */
+void texture_decode_ahead(texture *x, block_cache *cache, uint32_t thread_count,
+                          size_t least_count);
 /* Makes the texels that camera `c` sees, of level 0. */
 void texture_update(texture *x, const camera *c, direction_bend bend);
 /* Makes what changed of the coarser levels. */

@@ -138,7 +138,7 @@ static double threads_speedup(scene *x, const slf_view *view) {
     for (int all = 0; all < 2; all++) {
       for (uint32_t k = 0; k < x->count; k++)
         texture_decode_ahead(&x->textures[k], x->cache,
-                             all ? (uint32_t)sysconf(_SC_NPROCESSORS_ONLN) : 1);
+                             all ? (uint32_t)sysconf(_SC_NPROCESSORS_ONLN) : 1, 0);
       block_cache_clear(x->cache);
       double start_s = now_s();
       frame_ns(x, view, &texels);
@@ -146,7 +146,7 @@ static double threads_speedup(scene *x, const slf_view *view) {
     }
     ratios[i] = s[0] / s[1];
   }
-  for (uint32_t k = 0; k < x->count; k++) texture_decode_ahead(&x->textures[k], NULL, 1);
+  for (uint32_t k = 0; k < x->count; k++) texture_decode_ahead(&x->textures[k], NULL, 1, 0);
   return median(ratios, ROUNDS);
 }
 

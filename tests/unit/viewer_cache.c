@@ -58,7 +58,7 @@ static block_cache_counts fly(size_t capacity, uint32_t thread_count, uint8_t *p
     const slf_surface *surface = slf_get_surface(file, i);
     assert_true(texture_create(&x[i], &surface->mesh, &surface->layers[0],
                                block_cache_layer(cache, i, 0), UV_DICE_PX));
-    texture_decode_ahead(&x[i], cache, thread_count);
+    texture_decode_ahead(&x[i], cache, thread_count, 0);
   }
   *most_resident = 0;
   for (int frame = 0; frame < 8; frame++) {
