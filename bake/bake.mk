@@ -108,7 +108,7 @@ $(COSTS): $(BAKE_DIR)/look | $(LIGHT) $(RAY_TABLES)
 	@bake/trace cost $(notdir $(@D)) $@
 
 $(CHUNKS): $(LIGHT) $(BAKE_DIR)/look $(addprefix bake/,camera.c frame.c surface.c cover.c sample.c layers.c image.c) | bake-begins
-	$(if $(BAKE_LIST),@echo $@,@bake/trace chunk $(notdir $(@D)) $(basename $(notdir $@)) $@)
+	$(if $(BAKE_LIST),$(info $@),@bake/trace chunk $(notdir $(@D)) $(basename $(notdir $@)) $@)
 	$(if $(BAKE_LIST)$(FARM_TASK),,@$(BAKE_BIN)/progress report $(BAKE_DIR) $(BAKE_RAYS))
 .PHONY: bake-begins bake-ready bake-chunks
 # BAKE_LIST=1 names the chunks that are missing or stale instead of baking them. (make -n cannot: it

@@ -87,11 +87,15 @@ static void write_chunks(FILE *out, const char *folder, const surface *self, uin
   bool curved = !self->planar;
   if (self->s_count * self->t_count > 1)
     fprintf(out, "COSTS += %s/cost\n%s/cost: %s/surface.txt %s/cover\n", path, path, path, path);
-  for (uint32_t i = 0, chunk_count = surface_chunk_count(self, rays); i < chunk_count; i++)
-    fprintf(out, "CHUNKS += %s/%04u.exr\n%s/%04u.exr: %s/surface.txt %s/cover%s%s%s%s%s%s\n", path,
-            i, path, i, path, path, curved ? " " : "", curved ? path : "", curved ? "/rays" : "",
-            self->auto_error ? " " : "", self->auto_error ? path : "",
-            self->auto_error ? "/choice" : "");
+  /* One list for the surface: make copies what it has at every +=. */
+  uint32_t chunk_count = surface_chunk_count(self, rays);
+  fprintf(out, "CHUNKS +=");
+  for (uint32_t i = 0; i < chunk_count; i++) fprintf(out, " %s/%04u.exr", path, i);
+  fprintf(out, "\n");
+  for (uint32_t i = 0; i < chunk_count; i++) fprintf(out, "%s/%04u.exr ", path, i);
+  fprintf(out, ": %s/surface.txt %s/cover%s%s%s%s%s%s\n", path, path, curved ? " " : "",
+          curved ? path : "", curved ? "/rays" : "", self->auto_error ? " " : "",
+          self->auto_error ? path : "", self->auto_error ? "/choice" : "");
   free(path);
 }
 
