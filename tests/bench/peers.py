@@ -154,17 +154,19 @@ def zfp(codes, target):
     return search(measure, 0.25, 16, target)
 
 
-def vq(codes, exists, word_bits=14, turns=3):
-    """Vector quantisation as in 1996 (Levoy and Hanrahan: 2x2x2x2, 16384 words, a tree for the search), trained on
-    the light field itself. Its words are given away: only the indices count."""
+def vq(codes, exists, turns=3):
+    """Vector quantisation as in 1996 (Levoy and Hanrahan: 2x2x2x2, at most 16384 words, a tree for the search),
+    trained on the light field itself: of a small one with fewer words, 16 tiles for each, as they count too."""
     t, s, v, u, _ = codes.shape
     tiles = codes[: t // 2 * 2, : s // 2 * 2, : v // 2 * 2, : u // 2 * 2]
     tiles = tiles.reshape(t // 2, 2, s // 2, 2, v // 2, 2, u // 2, 2, 3).transpose(0, 2, 4, 6, 1, 3, 5, 7, 8)
     whole = exists[: t // 2 * 2, : s // 2 * 2].reshape(t // 2, 2, s // 2, 2).all((1, 3))
     vectors = tiles[whole].reshape(-1, 48)
-    if len(vectors) > 1 << 19:
+    tile_count = len(vectors)
+    if tile_count > 1 << 19:
         vectors = vectors[np.random.default_rng(1).choice(len(vectors), 1 << 19, replace=False)]
     vectors = vectors.astype(np.float32)
+    word_bits = max(4, min(14, int(np.log2(tile_count / 16))))
     nodes = np.zeros(len(vectors), np.int64)
 
     def means(groups, count):
@@ -186,7 +188,8 @@ def vq(codes, exists, word_bits=14, turns=3):
             children = 2 * nodes + (right < left)
         nodes = children
     words = np.rint(means(nodes, 1 << word_bits))
-    return [(psnr(vectors, words[nodes]), 48 * 8 / word_bits)]
+    nbytes = tile_count * word_bits / 8 + 48 * (1 << word_bits)
+    return [(psnr(vectors, words[nodes]), 48 * tile_count / nbytes)]
 
 
 def ours_at(codec, bake, target):
