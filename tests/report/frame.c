@@ -47,11 +47,12 @@ static void print_info(const slf_file *file) {
     printf("%s\n  {\"name\": \"%s\", \"layers\": [", i ? "," : "", surface->name);
     for (uint32_t k = 0; k < surface->layer_count; k++) {
       const slf_layer *x = &surface->layers[k];
-      printf("%s{\"texels\": [%u, %u], \"directions\": [%u, %u], \"slices\": %u, \"raw_nbytes\": "
-             "%llu, \"payload_nbytes\": %llu, \"index_nbytes\": %llu, \"quality\": %g}",
-             k ? ", " : "", x->u_count, x->v_count, x->s_count, x->t_count, x->slice_count,
-             (unsigned long long)x->raw_nbytes, (unsigned long long)x->payload_nbytes,
-             (unsigned long long)x->index_nbytes, (double)x->quality);
+      printf(
+          "%s{\"texels\": [%u, %u], \"directions\": [%u, %u], \"slices\": %u, \"raw_nbytes\": "
+          "%llu, \"payload_nbytes\": %llu, \"index_nbytes\": %llu, \"quality\": %g, \"psnr\": %g}",
+          k ? ", " : "", x->u_count, x->v_count, x->s_count, x->t_count, x->slice_count,
+          (unsigned long long)x->raw_nbytes, (unsigned long long)x->payload_nbytes,
+          (unsigned long long)x->index_nbytes, (double)x->quality, (double)x->psnr);
     }
     fputs("]}", stdout);
   }

@@ -108,7 +108,9 @@ class Report:
                   if layer["slices"] > 1]
         raw = sum(layer["raw_nbytes"] for layer in layers)
         nbytes = sum(layer["payload_nbytes"] + layer["index_nbytes"] for layer in layers)
-        return dict(raw_nbytes=raw, nbytes=nbytes, ratio=raw / nbytes, directions=layers[0]["directions"],
+        # Over all of them, by their raw bytes: what the encoder measured against what it was given.
+        mse = sum(255 ** 2 / 10 ** (layer["psnr"] / 10) * layer["raw_nbytes"] for layer in layers) / raw
+        return dict(raw_nbytes=raw, coded_psnr=psnr(mse), nbytes=nbytes, ratio=raw / nbytes, directions=layers[0]["directions"],
                     texels=layers[0]["texels"], surfaces=len(layers))
 
     # ---- Pictures ----------------------------------------------------------------------------------
@@ -353,6 +355,14 @@ class Report:
         Image.open(out).save(self.picture("cache-map"))
         return dict(picture=str(self.picture("cache-map")), **counts)
 
+    # ---- 3. Peers ------------------------------------------------------------------------------------
+
+    def rate_distortion(self):
+        """Ratio and PSNR of what the slices decode to, for independent blocks and layered ones."""
+        return {name: {angular: [self.shiny(self.recode(self.base(name)[0], angular, quality)[0])
+                                 for quality in QUALITIES] for angular in ("none", "layered")}
+                for name in SCENES}
+
     # ---- 4. Growth -----------------------------------------------------------------------------------
 
     def growth(self):
@@ -402,6 +412,7 @@ class Report:
         result["figure_7"] = self.figure_7()
         result["figure_8"] = self.figure_8()
         result["growth"] = self.growth()
+        result["rate_distortion"] = self.rate_distortion()
         result["bench"] = {}
         for part in sorted((BUILD / "bench").glob("*.json")):  # what make bench has measured so far
             if part.stem in ("codec", "viewer", "pond", "bake", "depth"):

@@ -262,16 +262,76 @@ def section_figures(result):
 
 # ---- 3. Peers --------------------------------------------------------------------------------------
 
+CODECS = dict(none="slf, independent blocks", layered="slf, layered", jpeg="JPEG", jxl="JPEG XL", avif="AVIF",
+              zfp="zfp", astc="ASTC", vq="VQ of 1996")
+
+
+def labels(bench, prefix):
+    """The light fields of which a bench has figures: floor_16 of ratio_none_floor_16."""
+    return [key.removeprefix(prefix) for key in bench if key.startswith(prefix) and key[-1].isdigit()]
+
+
+def grouped_bars(axes, rows, series, value):
+    """A group of bars a row, a bar a series where value(row, series) is known."""
+    width = 0.8 / len(series)
+    for number, (key, label) in enumerate(series.items()):
+        known = [(i, value(row, key)) for i, row in enumerate(rows) if value(row, key) is not None]
+        axes.bar([i + (number + 0.5) * width - 0.4 for i, _ in known], [v for _, v in known], width * 0.9, label=label,
+                 color=plt.cm.tab10(number))
+    axes.set_xticks(range(len(rows)), rows)
+    axes.grid(axis="x", visible=False)
+    axes.legend(fontsize=7, ncol=4, loc="upper center", bbox_to_anchor=(0.5, -0.1))
+
+
+def draw_rate_distortion(result):
+    scenes = result["rate_distortion"]
+    bench = result["bench"]
+    figure, grid = plt.subplots(1, len(scenes), figsize=(2.6 * len(scenes), 2.8), squeeze=False)
+    for axes, (name, schemes) in zip(grid[0], scenes.items()):
+        for angular, points in schemes.items():
+            axes.plot([p["ratio"] for p in points], [p["coded_psnr"] for p in points], "o-", markersize=3, lw=1,
+                      color=plt.cm.tab10(list(CODECS).index(angular)), label=CODECS[angular])
+        axes.set_xscale("log")
+        axes.xaxis.set_minor_formatter(matplotlib.ticker.NullFormatter())
+        axes.set_title(name)
+        axes.set_xlabel("ratio")
+    grid[0][0].set_ylabel("PSNR of the slices, dB")
+    grid[0][0].legend(fontsize=7)
+    return save(figure, "rate-distortion")
+
+
 def section_peers(result):
     bench = {k: v for k, v in result["bench"].items() if isinstance(v, (int, float))}
-    groups = {"bytes: a peer's over ours at equal error (above 1: ours is smaller)": [k for k in bench if k.startswith("ratio_") and "_vs_" in k],
-              "bytes: ratio to uncompressed": [k for k in bench if k.startswith("ratio_") and "_vs_" not in k],
-              "decoding: our time over a peer's (below 1: ours is faster)": [k for k in bench if k.startswith("decode_") and "_vs_" in k],
-              "access and frames: time over uncompressed": [k for k in bench if k.endswith("_vs_uncompressed") or "_vs_uncompressed_" in k]}
-    parts = ["<h2>3. Peers</h2>"]
-    if not any(groups.values()):
-        return "".join(parts) + "<p>No build/bench.json yet: <code>make bench</code> writes it; then make the report again.</p>"
-    for number, (title, keys) in enumerate(groups.items()):
+    parts = ["<h2>3. Peers</h2><h3>Rate and distortion</h3><p>The light fields of this page coded again at qualities "
+             "of 30, 60 and 85, against what they decode to.</p>", draw_rate_distortion(result)]
+    fields = labels(bench, "ratio_none_")
+    if not fields:
+        parts.append("<p>No build/bench/codec.json yet: <code>make bench-codec</code> writes it; then make the report "
+                     "again.</p>")
+    else:
+        figure, axes = plt.subplots(figsize=(11, 3.4))
+        grouped_bars(axes, fields, CODECS, lambda field, codec: bench.get(f"ratio_{codec}_{field}"))
+        axes.set_yscale("log")
+        axes.set_title("Ratio to 24 bits a texel, at the PSNR of the layered scheme or, where a peer cannot reach it, its own")
+        parts.append(save(figure, "peers-ratio"))
+        own = [[field, CODECS[codec], f"{bench[f'psnr_{codec}_{field}']:.1f} dB"] for field in fields for codec in CODECS
+               if f"psnr_{codec}_{field}" in bench and codec not in ("none", "layered", "jpeg")]
+        if own:
+            parts.append("<details><summary>peers at a PSNR of their own</summary>" + table(["light field", "peer", "PSNR"], own)
+                         + "</details>")
+        figure, axes = plt.subplots(figsize=(11, 3.2))
+        grouped_bars(axes, fields, {"": "all blocks in order", "random": "lone blocks at random", "random_quads": "four at a time at random",
+                                    "layered": "layered, in order", "layered_random": "layered, lone blocks",
+                                    "layered_random_quads": "layered, four at a time"},
+                     lambda field, how: bench.get("decode_" + (how and how + "_") + f"vs_libjpeg_{field}"))
+        axes.axhline(1, color="#d44c47", lw=1)
+        axes.set_title("Decoding a block: our time over libjpeg-turbo's for whole slices (below 1: ours is faster)")
+        parts.append(save(figure, "peers-decode"))
+    access = [("frames: time over uncompressed (below 1: ours is faster)", [k for k in bench if k.startswith(("warm_vs_", "cold_vs_", "moving_vs_"))]),
+              ("water: frames a second over uncompressed (above 1: ours is faster)", [k for k in bench if k.startswith("pond_") and k.endswith("_uncompressed_fps")]),
+              ("depth: time a texel, ns", [k for k in bench if k.startswith("depth_") and k.endswith("ns_per_texel")])]
+    parts.append("<h3>What access costs</h3>")
+    for number, (title, keys) in enumerate(access):
         if not keys:
             continue
         figure, axes = plt.subplots(figsize=(9, 0.5 + 0.22 * len(keys)))
@@ -282,7 +342,7 @@ def section_peers(result):
         axes.tick_params(axis="y", labelsize=7)
         for i, k in enumerate(keys):
             axes.text(bench[k], i, f" {bench[k]:.3g}", va="center", fontsize=7)
-        parts.append(save(figure, f"peers-{number}"))
+        parts.append(save(figure, f"peers-access-{number}"))
     return "".join(parts)
 
 
