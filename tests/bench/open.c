@@ -2,6 +2,7 @@
  *
  *   open FILE.slf */
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <time.h>
 
@@ -23,26 +24,31 @@ static double anonymous_mb(void) {
   return kb / 1024;
 }
 
+static void open_file(const char *path, slf_file **file) {
+  slf_error error;
+  if (slf_open(path, file, &error) == SLF_OK) return;
+  fprintf(stderr, "open: %s\n", error.message);
+  exit(1);
+}
+
 int main(int argc, char **argv) {
   slf_file *file;
-  slf_error error;
-  double best_ms = 1e9;
   if (argc != 2) {
     fputs("usage: open FILE.slf\n", stderr);
     return 2;
   }
-  for (int i = 0; i < 5; i++) { /* the best of five: the first reads the disk */
-    double start_ms = now_ms();
-    if (slf_open(argv[1], &file, &error) != SLF_OK) {
-      fprintf(stderr, "open: %s\n", error.message);
-      return 1;
-    }
-    if (now_ms() - start_ms < best_ms) best_ms = now_ms() - start_ms;
-    if (i < 4) slf_close(file);
-  }
+  /* Memory first: an allocator that was used before may hand out pages that are there already. */
+  open_file(argv[1], &file);
   block_cache *cache = block_cache_create(file, BLOCK_CACHE_DEFAULT);
-  printf("{\"open_ms\": %.3f, \"rss_mb\": %.2f}\n", best_ms, anonymous_mb());
+  double rss_mb = anonymous_mb(), best_ms = 1e9;
   block_cache_free(cache);
   slf_close(file);
+  for (int i = 0; i < 5; i++) { /* the best of five */
+    double start_ms = now_ms();
+    open_file(argv[1], &file);
+    if (now_ms() - start_ms < best_ms) best_ms = now_ms() - start_ms;
+    slf_close(file);
+  }
+  printf("{\"open_ms\": %.3f, \"rss_mb\": %.2f}\n", best_ms, rss_mb);
   return 0;
 }
