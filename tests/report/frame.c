@@ -325,12 +325,12 @@ static void write_map(const slf_file *file, const char *script_path, const char 
              3);
     }
   uint64_t fresh[2] = {0};
+  const double frame_s = 1 / 30.0; /* faster than the paper's 2.5 to 13 a second */
   for (int rippled = 0; rippled < 2; rippled++) {
-    if (rippled)
-      while (water_time_s(w) < ripple_script_end_s(script)) check(water_step(w, &error));
-    /* Flat: the frame before was the same. Rippled: it was a step ago. */
+    /* Flat: the frame before was the same. Rippled: the latest two up to the script's end. */
     for (int frame = 0; frame < 2; frame++) {
-      if (rippled) check(water_step(w, &error));
+      const double until_s = ripple_script_end_s(script) - (1 - frame) * frame_s;
+      while (rippled && water_time_s(w) < until_s) check(water_step(w, &error));
       const direction_bend bend = water_begin_frame(w);
       block_cache_begin_frame(cache);
       texture_update(&all.x[number].texture, &c, bend);

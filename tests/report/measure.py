@@ -329,7 +329,7 @@ class Report:
         return dict(quality=quality, schemes=schemes)
 
     def figure_7(self):
-        file, _ = self.base("pond")
+        file, _ = self.bake("pond", 32)
         view, script = self.views("pond")[0], "tests/pond/gentle.ripples"
         mesh, out = self.folder / "water.inc", self.picture("truth-ripples")
         if not out.exists():
@@ -348,10 +348,10 @@ class Report:
         return dict(truth=str(out), drawn=str(drawn), flat=str(flat), psnr=against(drawn), psnr_flat=against(flat))
 
     def figure_8(self):
-        file, _ = self.base("pond")
+        file, _ = self.bake("pond", 32)
         out = self.folder / "pictures" / "cache-map.ppm"
         counts = self.kept("figure8", lambda: json.loads(output(
-            [BUILD / "report/frame", "map", file, "tests/pond/gentle.ripples", out])), file)
+            [BUILD / "report/frame", "map", file, "tests/pond/strong.ripples", out])), file)
         Image.open(out).save(self.picture("cache-map"))
         return dict(picture=str(self.picture("cache-map")), **counts)
 
