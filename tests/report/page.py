@@ -352,7 +352,7 @@ def section_growth(result):
     lines = [("directions", NAMES["directions"]), ("texels", NAMES["texels"]), ("surfaces", "surfaces"),
              ("file", "file, bytes")]
     wanted = [("still_ms", "frame, camera still, ms"), ("moving_ms", "frame, camera moving, ms"),
-              ("open_ms", "opening, ms"), ("resident_nbytes", "memory, bytes"), ("nbytes", "light fields, bytes"),
+              ("open_ms", "opening, shaders too, ms"), ("resident_nbytes", "memory, bytes"), ("nbytes", "light fields, bytes"),
               ("make_s", "making it, s")]
     figure, grid = plt.subplots(len(wanted), len(lines), figsize=(12, 11))
     for column, (line, across) in enumerate(lines):
@@ -365,10 +365,12 @@ def section_growth(result):
             axes.plot([p["x"] for p in points], [p[key] for p in points], MARKERS.get(line, "o") + ("" if line == "file" else "-"),
                       color=COLOURS.get(line, "#37352f"), markersize=4)
             axes.set_xscale("log", base=10 if line == "file" else 2)
-            if key in ("nbytes", "make_s"):
+            values = [p[key] for p in points]
+            if max(values) > 8 * min(values):
                 axes.set_yscale("log")
+                axes.yaxis.set_minor_formatter(matplotlib.ticker.NullFormatter())
             else:
-                axes.set_ylim(bottom=0)
+                axes.set_ylim(0, 1.15 * max(values))
             axes.set_xlabel(across)
             if column == 0:
                 axes.set_ylabel(title)
@@ -404,7 +406,7 @@ def section_stability(result):
         if len(positive) and positive.max() / positive.min() > 30:
             axes.set_xscale("symlog", linthresh=positive.min())
             axes.set_xticks([t for t in axes.get_xticks()][::max(1, len(axes.get_xticks()) // 4)])
-        axes.set_ylim(bottom=0)
+        axes.set_ylim(0, 1.1 * y.max())
         axes.set_title(name.replace("_", " "), fontsize=8)
         axes.tick_params(labelsize=7)
     figure.tight_layout()
