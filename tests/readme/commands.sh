@@ -52,7 +52,7 @@ cat > "$out/scenes/mine/my_room.pov" <<'POV'
 global_settings { assumed_gamma 1 }
 light_source { <0, 3, 0> rgb 1 }
 plane { y, 0 pigment { checker rgb 0.3 rgb 0.8 } finish { reflection 0.4 } }
-plane { -x, -4 pigment { rgb <0.8, 0.5, 0.3> } }
+plane { -z, -4 pigment { rgb <0.8, 0.5, 0.3> } }
 sphere { <1, 1, 0>, 0.8 pigment { rgb 0.1 } finish { reflection 0.7 } }
 camera { location <-3, 2, -3> look_at <1, 1, 0> }
 POV
