@@ -1,10 +1,12 @@
 #!/bin/bash
 # A flight past a column in front of a wall, over the pond: how far the water's PSNR against POV-Ray
 # falls below its neighbours' in any frame, and the film of both side by side. Prints flat JSON members.
+# The whole flight has 200 frames; fewer are its first.
 # usage: flight.sh FILE.slf FRAMES WxH OUT (a folder), from the repository's root; FILE.slf: the pond as layers
 set -eu
 file=$1 frames=$2 size=$3 out=$4
-from="-1.0 1.4 -3.6" to="2.2 1.4 -3.6" at="0.6 0.5 1.5" angle=70
+from="0.6 1.4 -3.6" at="0.6 0.5 1.5" angle=70
+to="$(awk -v n="$frames" 'BEGIN { print 0.6 - 3.2*(n - 1)/199 }') 1.4 -3.6"
 rm -rf "$out"; mkdir -p "$out"
 read -r width height <<< "${size/x/ }"
 printf '0 %s %s %s\n1 %s %s %s\n' "$from" "$at" $angle "$to" "$at" $angle > "$out/path"
