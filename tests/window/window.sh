@@ -6,7 +6,8 @@ set -u
 if [ "${1:-}" != inside ]; then
   out=build/tap/window; mkdir -p "$out"
   # The size of the screen bounds the window's; 24 bits, as import compares exact colours.
-  exec xvfb-run -a -s "-screen 0 1280x1024x24" "$0" inside "$out"
+  # A server that starts anew when its last window closes would refuse the next one meanwhile.
+  exec xvfb-run -a -s "-screen 0 1280x1024x24 -noreset" "$0" inside "$out"
 fi
 out=$2
 count=0
