@@ -2,7 +2,8 @@
 # All scenes but floor (floor.sh) and chess (its package, povray-examples, is not asked for) against
 # POV-Ray's own renders, at three of their views each. No bake looks at views, and nothing was tuned on
 # these. Small bakes, so that light fields of 8 x 8 directions blur what mirrors and glass show; the
-# bounds are what these bakes gave, less half a dB.  scenes.sh [SCENE...]: those scenes only.
+# bounds are what these bakes gave, less half a dB, of the gallery, whose truth has a radiosity of its own
+# each time, a dB.  scenes.sh [SCENE...]: those scenes only.
 set -u
 size=160x120
 out=build/tap/scenes
@@ -32,10 +33,10 @@ box|Texels=64 Directions=8|front 28.3|left 26.8|above 26.8
 cube|Texels=64 Directions=8|front 19.9|left 19.9|back 20.7
 bottle|Texels=64 Directions=8|front 24.5|side 23.0|above 25.5
 pond|Texels=64 Directions=8|shore 20.5|windows 20.8|column 21.5
-gallery|Texels=64 Directions=8|entrance 27.8|ball 28.0|sculpture 25.5
+gallery|Texels=64 Directions=8|entrance 27.3|ball 27.4|sculpture 25.2
 END
 }
-echo "1..$(table | while IFS='|' read -r scene _; do want "$scene" && echo 3; done | paste -sd+ | bc)"
+echo "1..$((3*$(table | while IFS='|' read -r scene _; do want "$scene" && echo; done | wc -l)))"
 while IFS='|' read -r scene declare views; do
   want "$scene" || continue
   make --no-print-directory bake "SCENE=$scene" "NAME=check-$scene" "DECLARE=$declare" RAYS=1 > "$out/$scene.log" 2>&1 ||
