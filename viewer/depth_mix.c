@@ -350,9 +350,13 @@ static void remember(const depth_rays *rays, uint32_t k, memory *now, uint8_t ki
       (memory){(uint16_t)(256 * fmaxf(rays->code[k], 0)), (int8_t)(100 * rays->score[k]), kind};
 }
 
+/* Scores below which a height is none, of the four slices around and of more. */
+static const float least_near = 0.15f, least_wide = 0.01f;
+
 /* A little less than last time, as directions change. */
 static float wanted_score(const memory *last) {
-  float wanted = 0.01f * (float)last->score - 0.1f;
+  float least = last->kind == SEEN_WIDE ? least_wide : least_near;
+  float wanted = fmaxf(0.01f * (float)last->score - 0.1f, least);
   return wanted < ALL_AGREE ? wanted : ALL_AGREE;
 }
 
@@ -382,7 +386,7 @@ static uint8_t search(depth_mixer *m, depth_rays *rays, uint32_t k, ray *r) {
   for (int reach = 1; reach <= 2; reach++) {
     if (reach == 2) add_neighbours(m, r, reach);
     float h = find_height(m, r, &rays->score[k]);
-    if (rays->score[k] < (reach == 1 ? 0.15f : 0.01f)) continue;
+    if (rays->score[k] < (reach == 1 ? least_near : least_wide)) continue;
     if (!(mix_at(m, r, h, rays->rgba[k]) > 0)) continue;
     rays->code[k] = 256 * h / (m->unit + h);
     return reach == 1 ? SEEN_NEAR : SEEN_WIDE;
