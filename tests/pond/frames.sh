@@ -1,6 +1,6 @@
 #!/bin/bash
 # slfview's ripple scripts: frames and stills agree, the cache does not show, mistakes are named.
-# usage: frames.sh (from the repository's root; build/check-pond.slf exists)
+# usage: frames.sh (from the repository's root; build/check-pond.slf and build/check-pond-layers.slf exist)
 set -u
 file=build/check-pond.slf
 out=build/tap/pond-frames; rm -rf "$out"; mkdir -p "$out"
@@ -17,7 +17,7 @@ refused() { # CODE WORDS ARGUMENTS: one line on stderr that holds the words
 }
 script() { printf '%s\n' "$@" > "$out/script.ripples"; echo "$out/script.ripples"; }
 
-echo "1..12"
+echo "1..13"
 drops=$(script '0 drop 0.3 0.4 0.4 -0.3' '0.2 stroke 0.2 0.2 0.6 0.3 0.3 0.1 0.4')
 draw --ripple-script "$drops" --frames 4 --fps 5 --output "$out/%02d.png"
 check "--frames writes that many" test "$(cd "$out" && echo ??.png)" = "00.png 01.png 02.png 03.png"
@@ -41,3 +41,11 @@ check "a script's mistake is named by line" refused 1 "script.ripples:2:" \
 check "what the pond refuses is named by line" refused 1 "script.ripples:1:" \
   --ripple-script "$(script '0 drop 0.5 0.5 -1 1')" --output "$out/x.png"
 check "a missing script is named" refused 1 "none.ripples" --ripple-script "$out/none.ripples" --output "$out/x.png"
+# Mixed by depth, a frame begins with what the one before found. Small differences are left where slices
+# disagree (35 dB); holes would be far more.
+file=build/check-pond-layers.slf
+{ grep -v stop viewer/demo.ripples; echo "1.3333 stop"; } > "$out/demo.ripples"
+draw --ripple-script "$out/demo.ripples" --output "$out/depth.png"
+draw --ripple-script viewer/demo.ripples --frames 41 --output "$out/d%02d.png"
+agreement() { idiff "$out/$1.png" "$out/$2.png" | awk '/Peak SNR/ { print int($4) }'; }
+check "with layers a frame of many is the still of its moment" test "$(agreement depth d40)" -ge 30
