@@ -42,10 +42,10 @@ check "what the pond refuses is named by line" refused 1 "script.ripples:1:" \
   --ripple-script "$(script '0 drop 0.5 0.5 -1 1')" --output "$out/x.png"
 check "a missing script is named" refused 1 "none.ripples" --ripple-script "$out/none.ripples" --output "$out/x.png"
 # Mixed by depth, a frame begins with what the one before found. Small differences are left where slices
-# disagree (35 dB); holes would be far more.
+# disagree (39 dB); holes were 29 dB.
 file=build/check-pond-layers.slf
 { grep -v stop viewer/demo.ripples; echo "1.3333 stop"; } > "$out/demo.ripples"
 draw --ripple-script "$out/demo.ripples" --output "$out/depth.png"
 draw --ripple-script viewer/demo.ripples --frames 41 --output "$out/d%02d.png"
 agreement() { idiff "$out/$1.png" "$out/$2.png" | awk '/Peak SNR/ { print int($4) }'; }
-check "with layers a frame of many is the still of its moment" test "$(agreement depth d40)" -ge 30
+check "with layers a frame of many is the still of its moment" test "$(agreement depth d40)" -ge 33
