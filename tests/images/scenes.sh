@@ -21,7 +21,7 @@ measure() {
   local scene=$1 view=$2 pair=$out/$1-$2 declare=()
   for value in $3; do declare+=("Declare=$value"); done
   tests/truth "$scene" "$view" $size 2 "$pair-truth.png" "${declare[@]}" &&
-    build/slfview "build/check-$scene.slf" --view "$view" --size $size --samples 2 --backend osmesa --output "$pair.png" &&
+    build/slfview "build/check-scene-$scene.slf" --view "$view" --size $size --samples 2 --backend osmesa --output "$pair.png" &&
     build/tests/images/compare "$pair-truth.png" "$pair.png" "$white"
 }
 
@@ -39,7 +39,7 @@ END
 echo "1..$((3*$(table | while IFS='|' read -r scene _; do want "$scene" && echo; done | wc -l)))"
 while IFS='|' read -r scene declare views; do
   want "$scene" || continue
-  make --no-print-directory bake "SCENE=$scene" "NAME=check-$scene" "DECLARE=$declare" RAYS=1 > "$out/$scene.log" 2>&1 ||
+  make --no-print-directory bake "SCENE=$scene" "NAME=check-scene-$scene" "DECLARE=$declare" RAYS=1 > "$out/$scene.log" 2>&1 ||
     sed 's/^/# /' "$out/$scene.log"
   while read -r view margin; do
     read -r psnr _ < <(measure "$scene" "$view" "$declare")
