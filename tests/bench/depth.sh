@@ -98,10 +98,10 @@ for part; do
         printf "  \"depth_psnr_four_tap_64\": %.2f,\n  \"depth_psnr_floor_64_6\": %.2f,\n", p, d }'
       ;;
     bottle)
-      tests/bench/bakes.sh bottle-16 >&2
-      layers depth-bottle-8 bottle 128 8 4
-      gain bottle bottle build/bench-bottle-16.slf build/bench-depth-bottle-8.slf
-      heights_share build/bench-depth-bottle-8.slf bottle
+      tests/bench/bakes.sh bottle-32 >&2
+      layers depth-bottle-16 bottle 128 16 4
+      gain bottle bottle build/bench-bottle-32.slf build/bench-depth-bottle-16.slf
+      heights_share build/bench-depth-bottle-16.slf bottle
       ;;
     cube)
       tests/bench/bakes.sh cube-16 >&2
