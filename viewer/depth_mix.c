@@ -353,10 +353,12 @@ static void remember(const depth_rays *rays, uint32_t k, memory *now, uint8_t ki
 /* Scores below which a height is none, of the four slices around and of more. */
 static const float least_near = 0.15f, least_wide = 0.01f;
 
-/* A little less than last time, as directions change. */
+/* A little less than last time, as directions change. What was wanted stays wanted until the next
+ * search: scores do not wear off frame by frame. */
+#define SCORE_SLACK 0.1f
 static float wanted_score(const memory *last) {
   float least = last->kind == SEEN_WIDE ? least_wide : least_near;
-  float wanted = fmaxf(0.01f * (float)last->score - 0.1f, least);
+  float wanted = fmaxf(0.01f * (float)last->score - SCORE_SLACK, least);
   return wanted < ALL_AGREE ? wanted : ALL_AGREE;
 }
 
@@ -506,9 +508,11 @@ static int mix_guessed(depth_mixer *m, const depth_cell *cell, depth_rays *rays,
     unsigned mixed = m->kernel->mix(cell, rays, g.texels, g.count, g.codes, g.wanted);
     m->counts.foretold_count += (uint64_t)__builtin_popcount(mixed);
     for (int l = 0; l < g.count; l++)
-      if (mixed >> l & 1)
-        remember(rays, g.texels[l], now, SEEN_NEAR);
-      else
+      if (mixed >> l & 1) {
+        uint8_t k = g.texels[l];
+        if (origin != GUESS_ROW) rays->score[k] = fmaxf(rays->score[k], g.wanted[l] + SCORE_SLACK);
+        remember(rays, k, now, SEEN_NEAR);
+      } else
         texels[list.kept++] = g.texels[l];
   }
   return list.kept;
