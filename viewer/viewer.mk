@@ -40,8 +40,8 @@ $(addprefix $(OUT)/bench/,pond depth): $(OUT)/bench/%: $(OBJ)/tests/bench/%.o $(
 # The pond's light fields, of 128 and of 256 texels: independent blocks at about 10:1, and the same
 # again as layers of angular detail at 20:1 or more.
 POND_BENCH := $(addprefix $(OUT)/bench/room-,128-10.slf 128-20.slf 256-10.slf 256-20.slf)
-$(OUT)/bench/room-128-10.slf: ROOM = 128 32 2 73
-$(OUT)/bench/room-256-10.slf: ROOM = 256 32 2 79
+$(OUT)/bench/room-128-10.slf: ROOM = 128 32 2 72
+$(OUT)/bench/room-256-10.slf: ROOM = 256 32 2 78
 $(OUT)/bench/room-%-10.slf: $(OUT)/bench/room
 	$(call say,make,$@)$< $(ROOM) $@ 32
 $(OUT)/bench/room-%-20.slf: $(OUT)/bench/room-%-10.slf $(OUT)/slf
