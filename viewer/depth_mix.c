@@ -33,6 +33,9 @@ typedef struct {
 #define LEAST_REACH 0.1f
 #define LEAST_WITNESS 0.03f
 
+/* What is lower hides what is higher if it is judged this well beside it. */
+#define LOWER_SHARE 0.2f
+
 struct depth_mixer {
   depth_geometry geometry;
   float u_end, v_end; /* half a texel beyond the light's last */
@@ -277,7 +280,8 @@ static float judge(depth_mixer *m, const ray *r, float h) {
   return sum;
 }
 
-/* The lowest height that is judged about as well as the best; *score is the best's. */
+/* The lowest height that the slices see a thing at, by a share of what the best is judged, *score.
+ * What is behind a thing may be in sight of all slices around, past it on every side. */
 static float find_height(depth_mixer *m, const ray *r, float *score) {
   float heights[16], scores[16], best = -INFINITY, lowest = INFINITY;
   int count = 0;
@@ -289,11 +293,10 @@ static float find_height(depth_mixer *m, const ray *r, float *score) {
     if (known) continue;
     heights[count] = h;
     scores[count] = judge(m, r, h);
-    if (scores[count] > best) best = scores[count];
-    if (scores[count++] > ALL_AGREE) break;
+    best = fmaxf(best, scores[count++]);
   }
   for (int i = 0; i < count; i++)
-    if (scores[i] >= 0.5f * best && heights[i] < lowest) lowest = heights[i];
+    if (scores[i] >= LOWER_SHARE * best && heights[i] < lowest) lowest = heights[i];
   *score = best;
   return lowest;
 }
@@ -423,31 +426,47 @@ static void mix_alone(depth_mixer *m, depth_rays *rays, uint32_t k, const memory
   remember(rays, k, now, kind);
 }
 
-/* Where a guess comes from. */
+/* Where a guess comes from: the texel itself or its neighbours, last time. What moves, moves over a
+ * texel from there. */
 typedef enum {
-  GUESS_AGAIN, /* from the texel itself, last time */
-  GUESS_RIGHT, /* from the neighbours, last time: what moves, moves over a texel from there */
+  GUESS_LOWER, /* from the lowest neighbour, if that is another thing, which may hide the texel's */
+  GUESS_AGAIN,
+  GUESS_RIGHT,
   GUESS_LEFT,
   GUESS_BELOW,
   GUESS_ABOVE,
-  GUESS_ROW, /* from the row above, now */
   GUESS_COUNT
 } guess_origin;
 
-static bool guess(const depth_rays *rays, const memory *last, uint32_t k, guess_origin origin,
-                  float *code, float *wanted) {
-  if (origin == GUESS_ROW) {
-    *code = k > 7 ? rays->code[k - 8] : -1;
-    *wanted = ALL_AGREE;
-    return *code >= 0;
-  }
-  const int columns[] = {0, 1, -1, 0, 0}, rows[] = {0, 0, 0, 1, -1};
+/* NULL beyond the block. */
+static const memory *find_neighbour(const memory *last, uint32_t k, guess_origin origin) {
+  static const int columns[GUESS_COUNT] = {0, 0, 1, -1, 0, 0},
+                   rows[GUESS_COUNT] = {0, 0, 0, 0, 1, -1};
   int column = (int)k % 8 + columns[origin], row = (int)k / 8 + rows[origin];
-  if (column < 0 || row < 0 || column > 7 || row > 7) return false;
-  const memory *from = &last[8 * row + column];
+  return column < 0 || row < 0 || column > 7 || row > 7 ? NULL : &last[8 * row + column];
+}
+
+static bool guess_lower(const memory *last, uint32_t k, float *code, float *wanted) {
+  int lowest = last[k].code - 256 * EDGE_CODES;
+  bool found = false;
+  for (int origin = GUESS_RIGHT; origin < GUESS_COUNT; origin++) {
+    const memory *from = find_neighbour(last, k, (guess_origin)origin);
+    if (!from || from->kind != SEEN_NEAR || from->code >= lowest) continue;
+    lowest = from->code, found = true;
+  }
+  *code = (float)lowest / 256;
+  *wanted = fmaxf(0.01f * LOWER_SHARE * (float)last[k].score, least_near);
+  return found;
+}
+
+static bool guess(const memory *last, uint32_t k, guess_origin origin, float *code, float *wanted) {
+  if (origin != GUESS_AGAIN && last[k].kind == SEEN_UNKNOWN) return false;
+  if (origin == GUESS_LOWER) return guess_lower(last, k, code, wanted);
+  const memory *from = find_neighbour(last, k, origin);
+  if (!from || from->kind != SEEN_NEAR) return false;
   *code = (float)from->code / 256;
   *wanted = wanted_score(from);
-  return from->kind == SEEN_NEAR && (origin == GUESS_AGAIN || last[k].kind != SEEN_UNKNOWN);
+  return true;
 }
 
 /* A list of texels of one cell: those from `next` on are to be looked at, the first `kept` stay. */
@@ -464,13 +483,12 @@ typedef struct {
 } guessed;
 
 /* A whole row, if it is next in the list and at least one of its texels has a guess. */
-static bool pick_row(const depth_rays *rays, const memory *last, guess_origin origin,
-                     texel_list *list, guessed *out) {
+static bool pick_row(const memory *last, guess_origin origin, texel_list *list, guessed *out) {
   const uint8_t *row = list->texels + list->next;
   int known = 0;
   if (row[0] % 8 != 0 || list->next + 7 >= list->count || row[7] != row[0] + 7) return false;
   for (int l = 0; l < LANES; l++) {
-    bool has = guess(rays, last, row[l], origin, &out->codes[l], &out->wanted[l]);
+    bool has = guess(last, row[l], origin, &out->codes[l], &out->wanted[l]);
     if (!has) out->codes[l] = 0, out->wanted[l] = INFINITY;
     known += has;
   }
@@ -481,13 +499,12 @@ static bool pick_row(const depth_rays *rays, const memory *last, guess_origin or
 }
 
 /* Texels that have a guess; the others stay in the list. */
-static void pick_some(const depth_rays *rays, const memory *last, guess_origin origin,
-                      texel_list *list, guessed *out) {
+static void pick_some(const memory *last, guess_origin origin, texel_list *list, guessed *out) {
   out->count = 0;
   for (; list->next < list->count && out->count < LANES; list->next++) {
     uint8_t k = list->texels[list->next];
     int l = out->count;
-    if (guess(rays, last, k, origin, &out->codes[l], &out->wanted[l]))
+    if (guess(last, k, origin, &out->codes[l], &out->wanted[l]))
       out->texels[out->count++] = k;
     else
       list->texels[list->kept++] = k;
@@ -503,30 +520,19 @@ static int mix_guessed(depth_mixer *m, const depth_cell *cell, depth_rays *rays,
   texel_list list = {texels, count, 0, 0};
   while (list.next < count) {
     guessed g;
-    if (!pick_row(rays, last, origin, &list, &g)) pick_some(rays, last, origin, &list, &g);
+    if (!pick_row(last, origin, &list, &g)) pick_some(last, origin, &list, &g);
     if (g.count == 0) break;
     unsigned mixed = m->kernel->mix(cell, rays, g.texels, g.count, g.codes, g.wanted);
     m->counts.foretold_count += (uint64_t)__builtin_popcount(mixed);
     for (int l = 0; l < g.count; l++)
       if (mixed >> l & 1) {
         uint8_t k = g.texels[l];
-        if (origin != GUESS_ROW) rays->score[k] = fmaxf(rays->score[k], g.wanted[l] + SCORE_SLACK);
+        rays->score[k] = fmaxf(rays->score[k], g.wanted[l] + SCORE_SLACK);
         remember(rays, k, now, SEEN_NEAR);
       } else
         texels[list.kept++] = g.texels[l];
   }
   return list.kept;
-}
-
-/* Row by row, so that each row foretells the next. */
-static void mix_rest(depth_mixer *m, const depth_cell *cell, depth_rays *rays, uint8_t *texels,
-                     int count, const memory *last, memory *now) {
-  for (int n = 0; n < count;) {
-    int begin = n, row = texels[n] / 8;
-    while (n < count && texels[n] / 8 == row) n++;
-    int left = mix_guessed(m, cell, rays, texels + begin, n - begin, last, GUESS_ROW, now);
-    for (int l = 0; l < left; l++) mix_alone(m, rays, texels[begin + l], last, now);
-  }
 }
 
 void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
@@ -549,9 +555,9 @@ void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
       texels[count++] = (uint8_t)texel;
       left &= ~(1ull << texel);
     }
-    for (int origin = GUESS_AGAIN; origin < GUESS_ROW && count; origin++)
+    for (int origin = 0; origin < GUESS_COUNT && count; origin++)
       count = mix_guessed(m, &cell, &rays, texels, count, last, (guess_origin)origin, now);
-    mix_rest(m, &cell, &rays, texels, count, last, now);
+    for (int l = 0; l < count; l++) mix_alone(m, &rays, texels[l], last, now);
   }
   m->kernel->put(&rays, out, row_nbytes);
 }

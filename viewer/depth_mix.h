@@ -40,7 +40,7 @@ void depth_mixer_use_kernel(depth_mixer *m, resample_kernel kernel);
 /* Counts since creation. */
 typedef struct {
   uint64_t texel_count;
-  uint64_t foretold_count; /* of them at a height near their neighbour's, on which all agree */
+  uint64_t foretold_count; /* of them near a height of the last frame, their own or a neighbour's */
   uint64_t wide_count;     /* of them mixed from up to 16 slices: the four disagree */
   uint64_t four_tap_count; /* of them mixed the paper's way: no slice sees what the ray meets */
 } depth_mix_counts;
