@@ -28,9 +28,10 @@ all: $(OUT)/slfview
 view: bake $(OUT)/slfview ## Open SCENE, baked first where needed
 	$(OUT)/slfview build/$(NAME).slf
 
-demo: all ## Bake the pond at preview size and show it; without a display, film it to build/demo
-	$(MAKE) --no-print-directory bake SCENE=pond
-	@viewer/demo $(OUT)/slfview build/pond.slf
+demo: all ## Bake a pond that stays sharp and show it; without a display, film it to build/demo
+	$(MAKE) --no-print-directory bake SCENE=pond NAME=demo QUALITY=paper RAYS=1 \
+	  DECLARE="Texels=256 Directions=8 Slf_Layers=8"
+	@viewer/demo $(OUT)/slfview build/demo.slf
 
 # Benches that draw.
 $(addprefix $(OUT)/bench/,pond depth): $(OUT)/bench/%: $(OBJ)/tests/bench/%.o $(filter-out %/slfview.o,$(VIEWER_OBJECTS)) $(LIBSLF)

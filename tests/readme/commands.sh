@@ -27,14 +27,12 @@ commands() {
 equal() { # COMMAND
   case $1 in
   "make check") echo true ;; # this is it
-  "make demo") echo "env -u DISPLAY -u WAYLAND_DISPLAY viewer/demo build/slfview build/check-pond.slf 12 $out/demo" ;;
+  "make demo") echo "env -u DISPLAY -u WAYLAND_DISPLAY viewer/demo build/slfview build/check-pond-layers.slf 12 $out/demo" ;;
   "make bake" | "make bake SCENE=floor" | "make bake SCENE=floor QUALITY=paper") echo "make bake SCENE=floor NAME=check-floor RAYS=25" ;;
   "make view SCENE=floor") echo "view make view SCENE=floor NAME=check-floor RAYS=25" ;;
-  "make bake SCENE=pond NAME=pond-sharp "*) echo "${1/pond-sharp/check-pond-layers}" ;;
   "make bake SCENE=mine QUALITY=paper view") echo "view make bake SCENE=mine SCENES=$out/scenes NAME=readme-mine QUALITY=paper RAYS=1 view" ;;
   "make bench"* | "make report"*) echo "make -n ${1#make }" ;; # measured, not tested
   "make help" | "make build/"*) echo "$1" ;;
-  "build/slfview build/pond-sharp.slf") echo "view build/slfview build/check-pond-layers.slf" ;;
   build/slfview\ *--output* | tests/truth\ * | build/tests/images/compare\ *)
     sed -E "s#build/floor.slf#build/check-floor.slf#; s#(^| )([a-z]+\.png)#\1$out/\2#g; s# 240x180 10 # 240x180 1 #" <<< "$1" ;;
   "build/slfview --help" | "build/slf "*) sed -E "s#build/floor.slf#build/check-floor.slf#; s#( |^)([a-z]+\.(slf|png))#\1$out/\2#g" <<< "$1" ;;
