@@ -27,14 +27,19 @@ SAMPLES = 3  # squared, in a pixel of the viewer's pictures
 BUILD = pathlib.Path("build")
 
 # Bakes are bench-NAME-DIRECTIONS.slf. `directions` is what the other axes of the plots are held at,
-# `scan` the line of directions. Rays a pixel of the truth, squared: the facets of the dull floor are noise.
+# `scan` the line of directions, `depth` the bake as layers that are read by depth. Rays a pixel of the
+# truth, squared: the facets of the dull floor are noise.
 SCENES = {
     "dull": dict(scene="floor", declare="Mirror=0", surfaces=["floor"], directions=16, scan=[4, 8, 16], truth=10),
-    "floor": dict(scene="floor", declare="Mirror=1", surfaces=["floor"], directions=32, scan=[4, 8, 16, 32], truth=7),
-    "bottle": dict(scene="bottle", declare="", surfaces=["bottle"], directions=32, scan=[4, 8, 16, 32, 64], truth=7),
+    "floor": dict(scene="floor", declare="Mirror=1", surfaces=["floor"], directions=32, scan=[4, 8, 16, 32],
+                  depth="depth-floor-8", truth=7),
+    "bottle": dict(scene="bottle", declare="", surfaces=["bottle"], directions=32, scan=[4, 8, 16, 32, 64],
+                   depth="depth-bottle-16", truth=7),
     "box": dict(scene="box", declare="", surfaces=None, directions=16, scan=[4, 8, 16], truth=7),
-    "cube": dict(scene="cube", declare="", surfaces=None, directions=32, scan=[4, 8, 16, 32, 64], truth=7),
-    "pond": dict(scene="pond", declare="", surfaces=["water"], directions=16, scan=[8, 16, 32], truth=7),
+    "cube": dict(scene="cube", declare="", surfaces=None, directions=32, scan=[4, 8, 16, 32, 64],
+                 depth="depth-cube-8", truth=7),
+    "pond": dict(scene="pond", declare="", surfaces=["water"], directions=16, scan=[8, 16, 32],
+                 depth="depth-pond-8", truth=7),
 }
 VIEWS = dict(preview=2, paper=6)
 DICE_PX = [2, 8, 16, 32, 64]
@@ -71,9 +76,11 @@ class Report:
     # ---- Files -------------------------------------------------------------------------------------
 
     def bake(self, name, directions=None):
-        """A bake of the scene: (file, seconds of processor time or None where that is not known). A quick report
+        return self.baked_file(f"{name}-{directions or SCENES[name]['directions']}")
+
+    def baked_file(self, bake):
+        """A bake of a scene: (file, seconds of processor time or None where that is not known). A quick report
         takes the bakes that are there; one of the paper's sizes has make see that they are those."""
-        bake = f"{name}-{directions or SCENES[name]['directions']}"
         path = BUILD / f"bench-{bake}.slf"
         if bake not in self.baked and (self.quality == "paper" or not readable(path)):
             print(f"report: bake {bake}", flush=True)
@@ -206,7 +213,13 @@ class Report:
             file, bake_s = self.bake(name, SCENES[name]["scan"][-1])
             base, _ = self.base(name)
             table.append(dict(scene=name, **self.point(name, file, bake_s, base, name)))
+            if "depth" in SCENES[name]:
+                table.append(dict(scene=name + ", by depth", **self.by_depth(name, base)))
         return table
+
+    def by_depth(self, name, base):
+        file, bake_s = self.baked_file(SCENES[name]["depth"])
+        return self.point(name, file, bake_s, base, self.shiny(file)["directions"][0])
 
     def draw_ahead(self, name):
         """The pictures that errors are told from, drawn side by side: none of them is timed."""
@@ -238,6 +251,8 @@ class Report:
             lines["dice"].append(self.point(name, file, bake_s, file, dice_px, dice_px=dice_px))
         for cache in CACHES:
             lines["cache"].append(self.point(name, file, bake_s, file, cache, cache=cache))
+        if "depth" in SCENES[name]:
+            lines["depth"] = [self.by_depth(name, file)]
         pov = []
         for rays in (1, 2, 5):
             ms = [self.truth(name, view, rays)[1] for view in self.views(name)]

@@ -4,6 +4,7 @@
 Nothing is measured here, and no number is written here but the paper's own.
 """
 import argparse
+import base64
 import html
 import json
 import pathlib
@@ -18,10 +19,10 @@ from PIL import Image
 
 OUT = pathlib.Path("build/report")
 COLOURS = dict(directions="#0b6e99", texels="#8a4fbe", quality="#d9730d", dice="#448361", cache="#9f6b53",
-               povray="#d44c47")
-MARKERS = dict(directions="o", texels="s", quality="^", dice="D", cache="v", povray="*")
+               depth="#c14c8a", povray="#d44c47")
+MARKERS = dict(directions="o", texels="s", quality="^", dice="D", cache="v", depth="P", povray="*")
 NAMES = dict(directions="directions a side", texels="texels a side", quality="quality", dice="dice size, texels",
-             cache="cache, blocks", povray="POV-Ray, rays a pixel")
+             cache="cache, blocks", depth="layers, read by depth", povray="POV-Ray, rays a pixel")
 
 # Miller, Rubin, Ponceleon 1998: seconds, blocks decompressed by the frame, block decompressions.
 PAPER_TABLES = {
@@ -43,9 +44,16 @@ plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.righ
 
 def save(figure, name):
     (OUT / "plots").mkdir(parents=True, exist_ok=True)
-    figure.savefig(OUT / "plots" / f"{name}.png")
+    path = OUT / "plots" / f"{name}.png"
+    figure.savefig(path)
     plt.close(figure)
-    return f'<img class="plot" src="plots/{name}.png" alt="{html.escape(name)}">'
+    return shown(path, "plot", name)
+
+
+def shown(path, kind, name):
+    """A picture inside the page, so that the page is one file."""
+    png = base64.b64encode(pathlib.Path(path).read_bytes()).decode()
+    return f'<img class="{kind}" src="data:image/png;base64,{png}" alt="{html.escape(name)}">'
 
 
 def table(head, rows, caption=""):
@@ -53,10 +61,6 @@ def table(head, rows, caption=""):
     body = "".join("<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in rows)
     return (f"<table>{f'<caption>{caption}</caption>' if caption else ''}"
             f"<thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table>")
-
-
-def relative(path):
-    return str(pathlib.Path(path).relative_to(OUT))
 
 
 def mebibytes(nbytes):
@@ -112,7 +116,7 @@ def draw_tradeoff(name, data):
         for column, (key, title) in enumerate(across):
             axes = grid[row][column]
             for line, points in data["lines"].items():
-                if (key == "bake_s" and line not in ("directions", "texels")) or \
+                if (key == "bake_s" and line not in ("directions", "texels", "depth")) or \
                         (key == "nbytes" and line in ("dice", "cache")):
                     continue
                 points = [p for p in points if p.get(key)]
@@ -120,7 +124,7 @@ def draw_tradeoff(name, data):
                     continue
                 x, y = [p[key] for p in points], [p[metric] for p in points]
                 axes.plot(x, y, MARKERS[line] + "-", color=COLOURS[line], label=NAMES[line], markersize=4, lw=1.2)
-                for p in (points[0], points[-1]):
+                for p in {id(p): p for p in (points[0], points[-1])}.values():
                     annotate(axes, p[key], p[metric], p["label"], COLOURS[line], (3, 4))
             if key == "still_ms":
                 x = [p[key] for p in data["pov"] if p[key] > 0]
@@ -136,7 +140,7 @@ def draw_tradeoff(name, data):
             if column == 0:
                 axes.set_ylabel(label)
     handles, labels = grid[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, ncol=6, loc="upper center", bbox_to_anchor=(0.5, 0.97), fontsize=8)
+    figure.legend(handles, labels, ncol=7, loc="upper center", bbox_to_anchor=(0.5, 0.97), fontsize=8)
     figure.suptitle(f"{name}: error against cost", y=1.0)
     return save(figure, f"tradeoff-{name}")
 
@@ -256,7 +260,7 @@ def section_figures(result):
               f"{eight['rippled_fresh']:,} of {eight['resident']:,} cached blocks are new "
               f"({100 * eight['rippled_fresh'] / max(eight['resident'], 1):.0f} %; the paper: about a quarter), flat "
               f"{eight['flat_fresh']:,}.</p>",
-              f'<img class="map" src="{relative(eight["picture"])}" alt="cache map">']
+              shown(eight["picture"], "map", "cache map")]
     return "".join(parts)
 
 
