@@ -45,28 +45,29 @@ plane { x, -Half
   finish { Matte } }
 
 // ---- Box -----------------------------------------------------------------------------------------
+// Veins within veins: omega, what each octave keeps of the one before, makes fine ones.
 #declare Marble = texture {
-  pigment { marble turbulence 0.7 color_map {
-    [0.0 rgb <0.93, 0.91, 0.87>] [0.6 rgb <0.86, 0.83, 0.78>] [0.85 rgb <0.62, 0.58, 0.55>] [1 rgb <0.36, 0.33, 0.34>] }
-    scale 0.45 rotate <20, 35, 50> }
+  pigment { marble turbulence 0.9 octaves 8 omega 0.68 color_map {
+    [0.0 rgb <0.93, 0.91, 0.87>] [0.55 rgb <0.84, 0.81, 0.76>] [0.80 rgb <0.62, 0.58, 0.55>] [1 rgb <0.34, 0.31, 0.33>] }
+    scale 0.6 rotate <20, 35, 50> }
   finish { Matte } }
 #declare Mirror = texture {
   pigment { rgb <0.9, 0.78, 0.5> } finish { ambient 0 diffuse 0.05 reflection { 0.82 metallic } phong 0.4 phong_size 40 metallic } }
 
-// The ornament on a face with centred coordinates -1..1: a frame, and a flower of eight petals in a
-// ring. Less than 0.5 is marble.
-#declare Ring = function(r, a) { abs(r - 0.62 - 0.10*cos(8*a)) - 0.07 }
-#declare Flower = function(r, a) { r - 0.30*(0.55 + 0.45*cos(4*a)*cos(4*a)) }
-#declare Ornament = function(x, y) {
-  select(min(min(Ring(sqrt(x*x + y*y), atan2(y, x)), Flower(sqrt(x*x + y*y), atan2(y, x))),
-    abs(max(abs(x), abs(y)) - 0.90) - 0.035), 1, 0) }
+// The inlay on a face with centred coordinates -1..1: a line along its edges, and a medallion, a star
+// of eight points in a ring. Less than 0.5 is marble.
+#declare Border = function(x, y) { abs(max(abs(x), abs(y)) - 0.935) - 0.025 }
+#declare Medallion_Ring = function(r) { abs(r - 0.225) - 0.02 }
+#declare Star = function(r, a) { r - 0.04 - 0.14*cos(4*a)*cos(4*a) }
+#declare Inlay = function(x, y) {
+  select(min(Border(x, y), min(Medallion_Ring(sqrt(x*x + y*y)), Star(sqrt(x*x + y*y), atan2(y, x)))), 1, 0) }
 
 #declare Size = 1.5;
 #declare Low = <-Size/2, 0, -Size/2>;
 #declare High = <Size/2, Size, Size/2>;
 // Which pair of faces a point is on decides the face's own coordinates.
 #declare On_Box = function(x, y, z) {
-  select(0.999 - abs(x), Ornament(y, z), select(0.999 - abs(y), Ornament(x, z), Ornament(x, y))) }
+  select(0.999 - abs(x), Inlay(y, z), select(0.999 - abs(y), Inlay(x, z), Inlay(x, y))) }
 #declare Turn = -24*y;
 box { -1, 1
   texture { function { On_Box(x, y, z) } texture_map { [0.5 Marble] [0.5 Mirror] } }
