@@ -329,7 +329,7 @@ static void finish_block(decoder *d, const entry_site *site, uint32_t s, uint32_
                      moved);
     add_channels(channels, moved);
   }
-  if (u_block) channels_to_codes(channels, u_block);
+  if (u_block) channels_to_codes(layer, channels, u_block);
 }
 
 /* Any existing block, in codes or channels; site is its own, bit where its entry begins. */
@@ -423,7 +423,7 @@ static void decode_chained(const layer_state *layer, slf_block_address a, uint8_
   }
   float channels[3][COEFFICIENTS];
   decode_chain(layer, a.s, a.t, (uint64_t)a.block_v * l->block_u_count + a.block_u, channels);
-  channels_to_codes(channels, u_block);
+  channels_to_codes(layer, channels, u_block);
 }
 
 static void decode_batch(const layer_state *layer, const slf_block_address *addresses, size_t count,

@@ -14,6 +14,7 @@
 enum {
   MAX_STEP = 3900,
   ENTRY_BITS = 200,      /* an entry's bits are worth its index: 10 of them */
+  SAMPLED_SLICES = 24,   /* the colours are made from so many slices, */
   SAMPLED_UNITS = 24,    /* the codes are made from places of so many units, */
   SAMPLED_PLACES = 3072, /* so many places in all, */
   TRAINING_ROUNDS = 3,   /* coded so often, each time with the codes of the time before */
@@ -32,6 +33,8 @@ typedef struct {
   const char *name;
   uint32_t thread_count;
   float steps[3][COEFFICIENTS]; /* of a level of the rest, as numbers */
+  int16_t to_rgb[3][3];         /* the layer's own colours, in COLOUR_ONEs */
+  float from_rgb[3][3];         /* [channel][R G B] */
   code_costs costs;             /* of the stream that is being coded */
   huffman_encoder encoders[CODE_COUNT];
   float *rgb;                    /* one slice */
@@ -43,16 +46,23 @@ typedef struct {
 
 /* ---- Quality ------------------------------------------------------------------------------- */
 
+/* The step of luma. */
+static double base_step(const slf_layer *p) {
+  double unit = p->curve == SLF_CURVE_DWA ? DWA_SCALE / 255.0 : 1;
+  return unit * exp2((100 - p->quality) / 8.0);
+}
+
 /* A channel's error counts in R, G and B: luma's in all, Cb's 1.772 and 0.344, Cr's 1.402 and 0.714
- * times. Steps in inverse proportion make every bit buy the same error; the slight slope over the
- * frequencies keeps whole-numbered steps from jumping all at the same quality. Steps of the scheme
- * without prediction are whole, so that a slice can leave as a JPEG with the same coefficients. */
+ * times; of a layer's own colours as much as luma's. Steps in inverse proportion make every bit buy
+ * the same error; the slight slope over the frequencies keeps whole-numbered steps from jumping all
+ * at the same quality. Steps of the scheme without prediction are whole, so that a slice can leave
+ * as a JPEG with the same coefficients. */
 static void make_steps(layer_encoder *e) {
-  static const double channel_scale[3] = {1.0, 0.96, 1.10};
-  double unit = e->layer.public.curve == SLF_CURVE_DWA ? DWA_SCALE / 255.0 : 1;
-  double base = unit * exp2((100 - e->layer.public.quality) / 8.0);
+  static const double jfif_scale[3] = {1.0, 0.96, 1.10};
+  double base = base_step(&e->layer.public);
   for (int channel = 0; channel < 3; channel++) {
-    double step = fmin(base * channel_scale[channel], MAX_STEP) * STEP_ONE;
+    double scale = e->layer.own_colours ? 1 : jfif_scale[channel];
+    double step = fmin(base * scale, MAX_STEP) * STEP_ONE;
     step_line *line = &e->layer.step_lines[channel];
     line->first = (uint32_t)fmax(STEP_ONE, floor(0.95 * step + 0.5));
     line->slope = (uint32_t)floor(0.007 * step * 16 + 0.5);
@@ -68,23 +78,22 @@ static void make_steps(layer_encoder *e) {
   while (gain > 1 && 8 * range * gain / base > MAX_LEVEL) gain /= 2;
   bool layered = e->layer.public.angular == SLF_ANGULAR_LAYERED;
   e->layer.gains[STREAM_REST] = layered ? gain : 1;
-  e->layer.gains[STREAM_KEYS] = gain > 2 ? gain / 2 : 1;
+  e->layer.gains[STREAM_KEYS] = gain > 2 ? gain * 3 / 4 : 1;
   e->layer.gains[STREAM_BASE] = 1;
   layer_make_scales(&e->layer);
 }
 
 /* ---- Coefficients -------------------------------------------------------------------------- */
 
-static void transform_texels(const layer_state *layer, float rgb[COEFFICIENTS][3], coefficients c) {
-  float texels[3][COEFFICIENTS];
+static void transform_texels(const layer_encoder *e, float rgb[COEFFICIENTS][3], coefficients c) {
+  float texels[3][COEFFICIENTS], shift = e->layer.level_shift;
   for (int i = 0; i < COEFFICIENTS; i++) {
-    float r = rgb[i][0], g = rgb[i][1], b = rgb[i][2];
-    texels[0][i] = 0.299f * r + 0.587f * g + 0.114f * b - layer->level_shift;
-    texels[1][i] = -0.168735892f * r - 0.331264108f * g + 0.5f * b;
-    texels[2][i] = 0.5f * r - 0.418687589f * g - 0.081312411f * b;
+    float r = rgb[i][0] - shift, g = rgb[i][1] - shift, b = rgb[i][2] - shift;
+    for (int k = 0; k < 3; k++)
+      texels[k][i] = e->from_rgb[k][0] * r + e->from_rgb[k][1] * g + e->from_rgb[k][2] * b;
   }
   for (int channel = 0; channel < 3; channel++)
-    layer->kernel->forward_dct(texels[channel], c[channel]);
+    e->layer.kernel->forward_dct(texels[channel], c[channel]);
 }
 
 /* Texel i of a place; beyond the slice's edge the edge repeats. */
@@ -103,7 +112,7 @@ static void transform_block(const layer_encoder *e, const uint16_t *slice, uint6
     const uint16_t *texel = slice + 3 * texel_index(&e->layer.public, place, i);
     for (int k = 0; k < 3; k++) rgb[i][k] = texel[k];
   }
-  transform_texels(&e->layer, rgb, c);
+  transform_texels(e, rgb, c);
 }
 
 /* ---- Symbols ------------------------------------------------------------------------------- */
@@ -511,6 +520,114 @@ static uint32_t unit_index_count(const layer_state *layer, stream_kind kind) {
   return layer->group_s_count * layer->group_t_count;
 }
 
+/* ---- Colours ------------------------------------------------------------------------------- */
+
+/* Adds what a slice's texels vary by within their blocks. A block that varies much counts no more
+ * for it: bits grow with the logarithm. */
+static void add_covariance(const layer_encoder *e, const uint16_t *slice, double covariance[3][3]) {
+  double step = base_step(&e->layer.public);
+  for (uint64_t place = 0; place < layer_place_count(&e->layer); place++) {
+    int64_t sum[3] = {0}, products[3][3] = {{0}};
+    for (uint32_t i = 0; i < COEFFICIENTS; i++) {
+      const uint16_t *texel = slice + 3 * texel_index(&e->layer.public, place, i);
+      for (int j = 0; j < 3; j++) {
+        sum[j] += texel[j];
+        for (int k = 0; k < 3; k++) products[j][k] += texel[j] * texel[k];
+      }
+    }
+    double block[3][3], energy = 0;
+    for (int j = 0; j < 3; j++)
+      for (int k = 0; k < 3; k++)
+        block[j][k] = (double)products[j][k] - (double)(sum[j] * sum[k]) / COEFFICIENTS;
+    for (int j = 0; j < 3; j++) energy += block[j][j];
+    double weight = 1 / (energy + COEFFICIENTS * step * step);
+    for (int k = 0; k < 9; k++) (&covariance[0][0])[k] += weight * (&block[0][0])[k];
+  }
+}
+
+/* Eigenvectors of a symmetric matrix as columns, by Jacobi's rotations; the matrix becomes its
+ * eigenvalues. */
+static void diagonalise(double a[3][3], double vectors[3][3]) {
+  enum { SWEEPS = 12 };
+  for (int k = 0; k < 9; k++) (&vectors[0][0])[k] = k % 4 == 0;
+  for (int turn = 0; turn < 3 * SWEEPS; turn++) {
+    int p = turn % 3 == 2, q = turn % 3 == 0 ? 1 : 2;
+    if (a[p][q] == 0) continue;
+    double theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
+    double t = (theta < 0 ? -1 : 1) / (fabs(theta) + sqrt(theta * theta + 1));
+    double c = 1 / sqrt(t * t + 1), s = t * c;
+    for (int k = 0; k < 3; k++) {
+      double x = a[k][p], y = a[k][q];
+      a[k][p] = c * x - s * y;
+      a[k][q] = s * x + c * y;
+    }
+    for (int k = 0; k < 3; k++) {
+      double x = a[p][k], y = a[q][k];
+      a[p][k] = c * x - s * y;
+      a[q][k] = s * x + c * y;
+      x = vectors[k][p], y = vectors[k][q];
+      vectors[k][p] = c * x - s * y;
+      vectors[k][q] = s * x + c * y;
+    }
+  }
+}
+
+static void invert(const float m[3][3], float inverse[3][3]) {
+  double cofactors[3][3], determinant = 0;
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < 3; j++) {
+      int a = (i + 1) % 3, b = (i + 2) % 3, c = (j + 1) % 3, d = (j + 2) % 3;
+      cofactors[i][j] = (double)m[a][c] * m[b][d] - (double)m[a][d] * m[b][c];
+    }
+  for (int j = 0; j < 3; j++) determinant += m[0][j] * cofactors[0][j];
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < 3; j++) inverse[j][i] = (float)(cofactors[i][j] / determinant);
+}
+
+/* The layer's own colours are the axes along which its texels vary most and least (Karhunen and
+ * Loeve): what is left of three channels that vary together is one that does, and little else.
+ * Their length is luma's, the square root of 3: the greatest error a code can make of a step. */
+static void set_own_colours(layer_encoder *e, double covariance[3][3]) {
+  double axes[3][3];
+  diagonalise(covariance, axes);
+  int order[3] = {0, 1, 2};
+  for (int i = 0; i < 2; i++)
+    for (int j = 0; j < 2; j++)
+      if (covariance[order[j]][order[j]] < covariance[order[j + 1]][order[j + 1]]) {
+        int swap = order[j];
+        order[j] = order[j + 1];
+        order[j + 1] = swap;
+      }
+  for (int c = 0; c < 3; c++) {
+    double sum = axes[0][order[c]] + axes[1][order[c]] + axes[2][order[c]];
+    double length = sum < 0 ? -sqrt(3) : sqrt(3);
+    for (int k = 0; k < 3; k++)
+      e->to_rgb[k][c] = (int16_t)lrint(length * COLOUR_ONE * axes[k][order[c]]);
+  }
+  layer_set_own_colours(&e->layer, (const int16_t(*)[3])e->to_rgb);
+}
+
+/* The paper's schemes keep JFIF's colours, so that a slice of independent blocks can leave as a
+ * JPEG and the others stand beside it; heights are gray. */
+static slf_result choose_colours(layer_encoder *e, slf_error *error) {
+  const slf_layer *p = &e->layer.public;
+  layer_set_jfif_colours(&e->layer);
+  if (p->angular == SLF_ANGULAR_LAYERED && p->role != SLF_ROLE_HEIGHT) {
+    uint32_t stride = (p->slice_count + SAMPLED_SLICES - 1) / SAMPLED_SLICES, seen = 0;
+    double covariance[3][3] = {{0}};
+    for (uint32_t i = 0; i < p->s_count * p->t_count; i++) {
+      if (!e->layer.slices[i] || seen++ % stride != stride / 2) continue;
+      slf_result result = read_slice(e, i % p->s_count, i / p->s_count, e->slices[0], error);
+      if (result != SLF_OK) return result;
+      add_covariance(e, e->slices[0], covariance);
+    }
+    set_own_colours(e, covariance);
+  }
+  invert((const float(*)[3])e->layer.to_rgb, e->from_rgb);
+  make_steps(e);
+  return SLF_OK;
+}
+
 /* ---- Codes --------------------------------------------------------------------------------- */
 
 typedef struct {
@@ -630,7 +747,7 @@ static void transform_place(const unit_task *task, uint64_t place, coefficients 
     float rgb[COEFFICIENTS][3];
     for (uint32_t i = 0; i < COEFFICIENTS; i++)
       memcpy(rgb[i], task->mean + 3 * texel_index(&e->layer.public, place, i), sizeof rgb[i]);
-    transform_texels(&e->layer, rgb, blocks[0]);
+    transform_texels(e, rgb, blocks[0]);
     return;
   }
   for (int i = 0; i < task->unit.slice_count; i++)
@@ -776,15 +893,17 @@ static slf_result put_base(layer_encoder *e, encoded_stream *encoded, slf_error 
 
 /* ---- The layer ----------------------------------------------------------------------------- */
 
-static slf_result put_header(const layer_state *layer, encoded_layer *encoded, const char *name,
-                             slf_error *error) {
-  uint8_t *b = calloc(1, LAYER_FIXED_NBYTES + STREAM_COUNT * (STREAM_HEADER_NBYTES +
-                                                              CODE_COUNT * HUFFMAN_MAX_NBYTES));
-  if (!b) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", name);
+static slf_result put_header(const layer_encoder *e, encoded_layer *encoded, slf_error *error) {
+  const layer_state *layer = &e->layer;
+  uint8_t *b =
+      calloc(1, LAYER_FIXED_NBYTES + COLOURS_NBYTES +
+                    STREAM_COUNT * (STREAM_HEADER_NBYTES + CODE_COUNT * HUFFMAN_MAX_NBYTES));
+  if (!b) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", e->name);
   const slf_layer *p = &layer->public;
   b[0] = (uint8_t)p->role;
   b[1] = (uint8_t)p->curve;
   b[2] = (uint8_t)p->angular;
+  b[3] = layer->own_colours;
   put_u32(b + 4, p->u_count);
   put_u32(b + 8, p->v_count);
   put_u32(b + 12, p->s_count);
@@ -797,6 +916,8 @@ static slf_result put_header(const layer_state *layer, encoded_layer *encoded, c
     put_u16(b + 34 + 4 * channel, layer->step_lines[channel].slope);
   }
   uint8_t *at = b + LAYER_FIXED_NBYTES;
+  for (int i = 0; i < 9 && layer->own_colours; i++, at += 2)
+    put_u16(at, (uint16_t)(&e->to_rgb[0][0])[i]);
   for (int kind = 0; kind < STREAM_COUNT; kind++) {
     if (!layer_has(layer, kind)) continue;
     const layer_stream *stream = &layer->streams[kind];
@@ -837,6 +958,7 @@ static slf_result check_options(const slf_layer_options *o, const char *name, sl
 
 static slf_result encode_streams(layer_encoder *e, encoded_layer *encoded, slf_error *error) {
   slf_result result = layer_make_units(&e->layer, e->name, error);
+  if (result == SLF_OK) result = choose_colours(e, error);
   bool base = layer_has(&e->layer, STREAM_BASE);
   if (result == SLF_OK && base) result = put_base(e, &encoded->streams[STREAM_BASE], error);
   if (result == SLF_OK && layer_has(&e->layer, STREAM_KEYS))
@@ -848,7 +970,7 @@ static slf_result encode_streams(layer_encoder *e, encoded_layer *encoded, slf_e
   double peak = e->layer.public.curve == SLF_CURVE_DWA ? DWA_SCALE : 255; /* of white */
   double mean = (double)e->squared_error / (double)e->layer.public.raw_nbytes;
   e->layer.public.psnr = (float)(10 * log10(peak * peak / fmax(mean, 1e-9)));
-  result = put_header(&e->layer, encoded, e->name, error);
+  result = put_header(e, encoded, error);
   uint64_t stored = encoded->header.nbytes;
   for (int kind = 0; kind < STREAM_COUNT; kind++) stored += encoded->streams[kind].nbytes;
   encoded->psnr = e->layer.public.psnr;
@@ -877,7 +999,6 @@ slf_result encode_layer(const slf_layer_options *options, const slf_source *sour
                                 .quality = options->quality,
                                 .height_unit = options->height_unit};
   layer_set_curve(&e->layer);
-  make_steps(e);
   size_t samples = 3 * (size_t)options->u_count * options->v_count;
   bool allocated = (e->rgb = malloc(samples * sizeof *e->rgb)) != NULL;
   for (int i = 0; i < QUAD_SLICES; i++)

@@ -78,15 +78,15 @@ void plain_inverse_dct(float block[COEFFICIENTS]);
 #define forward_dct KERNEL(forward_dct)
 void forward_dct(const float texels[COEFFICIENTS], float coefficients[COEFFICIENTS]);
 
-/* prediction (NULL: nothing; fine levels) + gain * the entry's levels, to channels: luma without
- * its level shift, Cb, Cr, row-major. */
+/* prediction (NULL: nothing; fine levels) + gain * the entry's levels, to channels, without the
+ * level shift, row-major. */
 #define levels_to_channels KERNEL(levels_to_channels)
 void levels_to_channels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
                         const entry_state *state, uint32_t gain, float channels[3][COEFFICIENTS]);
 
 /* Channels to R G B X, 8 bits. */
 #define channels_to_codes KERNEL(channels_to_codes)
-void channels_to_codes(float channels[3][COEFFICIENTS], uint8_t *u_block);
+void channels_to_codes(const layer_state *layer, float channels[3][COEFFICIENTS], uint8_t *u_block);
 
 /* Both, without a stop between. */
 #define levels_to_codes KERNEL(levels_to_codes)
@@ -107,7 +107,8 @@ struct kernel {
   void (*inverse_dct)(float block[COEFFICIENTS]);
   void (*plain_inverse_dct)(float block[COEFFICIENTS]);
   void (*forward_dct)(const float texels[COEFFICIENTS], float coefficients[COEFFICIENTS]);
-  void (*channels_to_codes)(float channels[3][COEFFICIENTS], uint8_t *u_block);
+  void (*channels_to_codes)(const layer_state *layer, float channels[3][COEFFICIENTS],
+                            uint8_t *u_block);
 
   /* Fine levels of a base block, of a group's key, of the keys around a slice, mixed. */
   void (*base)(const layer_state *layer, uint64_t place, fine_block fine);

@@ -105,6 +105,19 @@ void layer_set_curve(layer_state *layer) {
   layer->level_shift = layer->public.curve == SLF_CURVE_DWA ? DWA_CODES / 2 : 128;
 }
 
+/* ITU-T T.871: Y, Cb, Cr. */
+void layer_set_jfif_colours(layer_state *layer) {
+  static const float to_rgb[3][3] = {{1, 0, 1.402f}, {1, -0.344136f, -0.714136f}, {1, 1.772f, 0}};
+  layer->own_colours = false;
+  memcpy(layer->to_rgb, to_rgb, sizeof to_rgb);
+}
+
+void layer_set_own_colours(layer_state *layer, const int16_t to_rgb[3][3]) {
+  layer->own_colours = true;
+  for (int i = 0; i < 3; i++)
+    for (int c = 0; c < 3; c++) layer->to_rgb[i][c] = (float)to_rgb[i][c] / COLOUR_ONE;
+}
+
 slf_result layer_make_linear(layer_state *layer, const char *name, slf_error *error) {
   layer->linear = malloc(DWA_CODES * sizeof *layer->linear);
   if (!layer->linear) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", name);
@@ -135,10 +148,11 @@ void layer_codes(const layer_state *layer, float channels[3][COEFFICIENTS],
                  uint16_t codes[COEFFICIENTS][3]) {
   float high = layer->public.curve == SLF_CURVE_DWA ? DWA_CODES - 1 : 255;
   for (int i = 0; i < COEFFICIENTS; i++) {
-    float luma = channels[0][i] + layer->level_shift, cb = channels[1][i], cr = channels[2][i];
-    codes[i][0] = to_code(luma + 1.402f * cr, high);
-    codes[i][1] = to_code(luma - 0.344136f * cb - 0.714136f * cr, high);
-    codes[i][2] = to_code(luma + 1.772f * cb, high);
+    for (int k = 0; k < 3; k++) {
+      const float *m = layer->to_rgb[k];
+      float code = m[0] * channels[0][i] + m[1] * channels[1][i] + m[2] * channels[2][i];
+      codes[i][k] = to_code(code + layer->level_shift, high);
+    }
   }
 }
 

@@ -9,6 +9,8 @@ enum {
   STEP_ONE = 16, /* steps are stored in sixteenths */
   MAX_GAIN = 8,  /* fine levels in a level: the base and the keys are finer than the rest */
   LAYER_FIXED_NBYTES = 32 + 3 * 4,
+  COLOUR_ONE = 1 << 14, /* what 1 is in a layer's own colours */
+  COLOURS_NBYTES = 9 * 2,
   STREAM_HEADER_NBYTES = 12,
   MAX_RUN_LOG2 = 6,
   MAX_PARTS_LOG2 = 2,
@@ -70,7 +72,9 @@ typedef struct {
   step_line step_lines[3];
   uint16_t steps[3][COEFFICIENTS]; /* column-major */
   float scales[3][COEFFICIENTS];   /* of a fine level: steps and AAN's factors */
-  float level_shift;               /* what luma's codes are coded around */
+  float level_shift;               /* what codes are coded around */
+  bool own_colours;                /* to_rgb is the layer's, not JFIF's */
+  float to_rgb[3][3];              /* [R G B][channel] */
   float *linear;                   /* HDR: radiance of each code */
   uint32_t gains[STREAM_COUNT];    /* fine levels in a level of each stream */
   uint8_t *slices;                 /* [t][s]: 1 where the slice exists */
@@ -110,6 +114,8 @@ static inline bool layer_has(const layer_state *layer, stream_kind kind) {
 slf_result layer_make_units(layer_state *layer, const char *name, slf_error *error);
 void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2, uint32_t parts_log2);
 void layer_set_curve(layer_state *layer); /* level_shift, from public's curve */
+void layer_set_jfif_colours(layer_state *layer);
+void layer_set_own_colours(layer_state *layer, const int16_t to_rgb[3][3]); /* in COLOUR_ONEs */
 slf_result layer_make_linear(layer_state *layer, const char *name, slf_error *error);
 bool layer_make_steps(layer_state *layer);  /* from their lines; false if one is out of range */
 void layer_make_scales(layer_state *layer); /* from steps and gains */

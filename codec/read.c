@@ -224,6 +224,17 @@ typedef struct {
   char name[sizeof((slf_file *)0)->name + 64];
 } layer_reader;
 
+static slf_result read_colours(layer_reader *r, slf_error *error) {
+  int16_t to_rgb[3][3];
+  if (r->end - r->at < COLOURS_NBYTES)
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: its colours have %td bytes, expected %d", r->name,
+                    r->end - r->at, COLOURS_NBYTES);
+  for (int i = 0; i < 9; i++) to_rgb[i / 3][i % 3] = (int16_t)get_u16(r->at + 2 * i);
+  layer_set_own_colours(r->state, to_rgb);
+  r->at += COLOURS_NBYTES;
+  return SLF_OK;
+}
+
 static slf_result read_fixed(layer_reader *r, slf_error *error) {
   slf_layer *p = &r->state->public;
   const uint8_t *b = r->at;
@@ -240,7 +251,7 @@ static slf_result read_fixed(layer_reader *r, slf_error *error) {
   p->quality = get_f32(b + 20);
   p->psnr = get_f32(b + 24);
   p->height_unit = get_f32(b + 28);
-  if (b[0] > SLF_ROLE_HEIGHT || b[1] > SLF_CURVE_DWA || b[2] > SLF_ANGULAR_LAYERED || b[3] ||
+  if (b[0] > SLF_ROLE_HEIGHT || b[1] > SLF_CURVE_DWA || b[2] > SLF_ANGULAR_LAYERED || b[3] > 1 ||
       !isfinite(p->quality) || !isfinite(p->psnr) || !isfinite(p->height_unit) ||
       (b[0] == SLF_ROLE_HEIGHT ? !(p->height_unit > 0) : get_u32(b + 28) != 0))
     return slf_fail(error, SLF_ERROR_FORMAT, "%s: role %u, curve %u, angular %u", r->name, b[0],
@@ -255,8 +266,9 @@ static slf_result read_fixed(layer_reader *r, slf_error *error) {
   if (!layer_make_steps(r->state))
     return slf_fail(error, SLF_ERROR_FORMAT, "%s: steps are out of range", r->name);
   layer_set_curve(r->state);
+  layer_set_jfif_colours(r->state);
   r->at += LAYER_FIXED_NBYTES;
-  return SLF_OK;
+  return b[3] ? read_colours(r, error) : SLF_OK;
 }
 
 static slf_result read_codes(layer_reader *r, layer_stream *stream, unsigned used,

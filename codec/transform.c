@@ -172,7 +172,7 @@ make_texels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
   }
 }
 
-/* Codes of 8 texels, rounded down and clamped: the rounding half is in luma already. */
+/* Codes of 8 texels, rounded down and clamped: the rounding half is in them already. */
 static inline __attribute__((always_inline)) void pack_codes(lanes red, lanes green, lanes blue,
                                                              uint8_t *to) {
 #ifdef __AVX2__
@@ -196,13 +196,18 @@ static inline __attribute__((always_inline)) void pack_codes(lanes red, lanes gr
 #endif
 }
 
-/* JFIF's colours; the level shift of 128 is luma's alone. */
-static inline __attribute__((always_inline)) void put_codes(lanes b[3][8], uint8_t *u_block) {
+/* The layer's colours, and the level shift of 128. */
+static inline __attribute__((always_inline)) void put_codes(const layer_state *layer, lanes b[3][8],
+                                                            uint8_t *u_block) {
+  const float(*m)[3] = layer->to_rgb;
 #pragma GCC unroll 8
   for (int y = 0; y < 8; y++) {
-    lanes luma = b[0][y] + splat(128.5f), cb = b[1][y], cr = b[2][y];
-    pack_codes(luma + splat(1.402f) * cr, luma - splat(0.344136f) * cb - splat(0.714136f) * cr,
-               luma + splat(1.772f) * cb, u_block + 32 * y);
+    lanes rgb[3];
+#pragma GCC unroll 3
+    for (int k = 0; k < 3; k++)
+      rgb[k] = splat(m[k][0]) * b[0][y] + splat(m[k][1]) * b[1][y] + splat(m[k][2]) * b[2][y] +
+               splat(128.5f);
+    pack_codes(rgb[0], rgb[1], rgb[2], u_block + 32 * y);
   }
 }
 
@@ -213,15 +218,16 @@ void levels_to_channels(const layer_state *layer, const int16_t prediction[3][CO
   for (int c = 0; c < 3; c++) store(b[c], channels[c]);
 }
 
-void channels_to_codes(float channels[3][COEFFICIENTS], uint8_t *u_block) {
+void channels_to_codes(const layer_state *layer, float channels[3][COEFFICIENTS],
+                       uint8_t *u_block) {
   lanes b[3][8];
   for (int c = 0; c < 3; c++) load(channels[c], b[c]);
-  put_codes(b, u_block);
+  put_codes(layer, b, u_block);
 }
 
 void levels_to_codes(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
                      const entry_state *state, uint32_t gain, uint8_t *u_block) {
   lanes b[3][8];
   make_texels(layer, prediction, state, gain, b);
-  put_codes(b, u_block);
+  put_codes(layer, b, u_block);
 }

@@ -137,8 +137,13 @@ static void kernels_transform_alike(void **state) {
           n % 7 == 0 && random_u32() % 4 ? 0 : ((float)random_u32() / 2147483648.0f - 1) * scale;
     b = a;
     uint8_t codes[2][SLF_BLOCK_NBYTES];
-    kernels[0]->channels_to_codes(a.channels, codes[0]);
-    kernels[1]->channels_to_codes(b.channels, codes[1]);
+    layer_state layer = {.level_shift = 128};
+    int16_t to_rgb[3][3]; /* any that a file can have */
+    for (int i = 0; i < 9; i++) to_rgb[i / 3][i % 3] = (int16_t)random_u32();
+    layer_set_jfif_colours(&layer);
+    if (n % 2) layer_set_own_colours(&layer, (const int16_t(*)[3])to_rgb);
+    kernels[0]->channels_to_codes(&layer, a.channels, codes[0]);
+    kernels[1]->channels_to_codes(&layer, b.channels, codes[1]);
     assert_memory_equal(codes[0], codes[1], SLF_BLOCK_NBYTES);
     for (int c = 0; c < 3; c++) {
       kernels[0]->inverse_dct(a.channels[c]);
