@@ -4,7 +4,8 @@ VIEWER_CORE_OBJECTS := $(addprefix $(OBJ)/viewer/,uv_mesh.o angular_level.o bloc
   depth_pages.o depth_frames.o depth_kernel.o depth_kernel_avx2.o texture.o mipmap.o \
   camera.o path.o ripple.o ripple_script.o water.o pick.o)
 VIEWER_OBJECTS := $(VIEWER_CORE_OBJECTS) $(addprefix $(OBJ)/viewer/,gl_api.o context.o context_egl.o \
-  context_osmesa.o checked_file.o draw.o overlay.o maps.o truth.o video.o image.o window.o water_input.o slfview.o)
+  context_osmesa.o checked_file.o draw.o overlay.o maps.o truth.o video.o image.o \
+  window.o window_files.o window_keys.o window_overlays.o water_input.o slfview.o)
 
 # sqrtf becomes a vector instruction when it need not set errno, a conditional division a blend when
 # it need not trap. Neither changes a value.
@@ -16,7 +17,7 @@ $(OBJ)/viewer/depth_kernel_avx2.o: viewer/depth_kernel.c $(OBJ)/flags | $(DEPS)
 	$(call say,compile,$<)$(CC) $(ALL_CFLAGS) $(PKG_CFLAGS) -MMD -MP -c $< -o $@
 $(OBJ)/viewer/overlay.o: PKG_CFLAGS = $(shell pkg-config --cflags stb)
 $(addprefix $(OBJ)/viewer/,image.o truth.o): PKG_CFLAGS = $(shell pkg-config --cflags libpng)
-$(OBJ)/viewer/window.o: PKG_CFLAGS = $(shell pkg-config --cflags glfw3)
+$(addprefix $(OBJ)/viewer/,window.o window_files.o window_keys.o window_overlays.o): PKG_CFLAGS = $(shell pkg-config --cflags glfw3)
 $(OBJ)/viewer/context_egl.o: PKG_CFLAGS = $(shell pkg-config --cflags egl)
 $(OBJ)/viewer/context_osmesa.o: PKG_CFLAGS = $(shell pkg-config --cflags osmesa)
 

@@ -11,7 +11,7 @@ $(REPORT_PYTHON): tests/report/requirements.txt | build/deps/report
 	build/venv/bin/pip -q install -r $<
 	@touch $@
 
-build/report/%: build/obj/tests/report/%.o $(filter-out %/slfview.o %/window.o,$(VIEWER_OBJECTS)) $(LIBSLF)
+build/report/%: build/obj/tests/report/%.o $(filter-out %/slfview.o %/window.o %/window_files.o %/window_keys.o %/window_overlays.o,$(VIEWER_OBJECTS)) $(LIBSLF)
 	@mkdir -p $(@D)
 	$(call say,link,$@)$(CC) -o $@ $^ $(ALL_LDFLAGS) -lpng -ldl -lm
 
