@@ -4,7 +4,7 @@ LIBSLF := $(OUT)/libslf.a
 SLF := $(OUT)/slf
 
 LIBSLF_OBJECTS := $(addprefix $(OBJ)/codec/,block_code.o direction.o encode.o format.o huffman.o \
-  kernel.o layer.o parallel.o rate.o read.o stream.o texels.o write.o)
+  kernel.o layer.o parallel.o rate.o read.o scratch.o stream.o texels.o write.o)
 
 # The hot path, once for any processor and on x86-64 once more: see codec/kernel.h.
 KERNEL_PARTS := find parse transform decode

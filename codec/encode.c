@@ -23,13 +23,15 @@ enum {
 
 /* What a bit is worth in squared steps. At high rate the slope of error against rate is
  * 2 ln 2 / 12 = 0.12; the small levels that most of our bits go to are worth a little more. */
-static const float lambda = 0.10f;
+static const float lambda = 0.12f;
 
 typedef float coefficients[3][COEFFICIENTS];
 
 typedef struct {
   layer_state layer;
   const slf_source *source;
+  scratch_file *scratch;
+  scratch_map maps[STREAM_COUNT]; /* of the streams that others are predicted from */
   const char *name;
   uint32_t thread_count;
   float steps[3][COEFFICIENTS]; /* of a level of the rest, as numbers */
@@ -46,12 +48,6 @@ typedef struct {
 
 /* ---- Quality ------------------------------------------------------------------------------- */
 
-/* The step of luma. */
-static double base_step(const slf_layer *p) {
-  double unit = p->curve == SLF_CURVE_DWA ? DWA_SCALE / 255.0 : 1;
-  return unit * exp2((100 - p->quality) / 8.0);
-}
-
 /* A channel's error counts in R, G and B: luma's in all, Cb's 1.772 and 0.344, Cr's 1.402 and 0.714
  * times; of a layer's own colours as much as luma's. Steps in inverse proportion make every bit buy
  * the same error; the slight slope over the frequencies keeps whole-numbered steps from jumping all
@@ -59,7 +55,8 @@ static double base_step(const slf_layer *p) {
  * as a JPEG with the same coefficients. */
 static void make_steps(layer_encoder *e) {
   static const double jfif_scale[3] = {1.0, 0.96, 1.10};
-  double base = base_step(&e->layer.public);
+  double unit = e->layer.public.curve == SLF_CURVE_DWA ? DWA_SCALE / 255.0 : 1;
+  double base = unit * exp2((100 - e->layer.public.quality) / 8.0);
   for (int channel = 0; channel < 3; channel++) {
     double scale = e->layer.own_colours ? 1 : jfif_scale[channel];
     double step = fmin(base * scale, MAX_STEP) * STEP_ONE;
@@ -522,10 +519,8 @@ static uint32_t unit_index_count(const layer_state *layer, stream_kind kind) {
 
 /* ---- Colours ------------------------------------------------------------------------------- */
 
-/* Adds what a slice's texels vary by within their blocks. A block that varies much counts no more
- * for it: bits grow with the logarithm. */
+/* Adds what a slice's texels vary by within their blocks: what AC will have to say. */
 static void add_covariance(const layer_encoder *e, const uint16_t *slice, double covariance[3][3]) {
-  double step = base_step(&e->layer.public);
   for (uint64_t place = 0; place < layer_place_count(&e->layer); place++) {
     int64_t sum[3] = {0}, products[3][3] = {{0}};
     for (uint32_t i = 0; i < COEFFICIENTS; i++) {
@@ -535,13 +530,9 @@ static void add_covariance(const layer_encoder *e, const uint16_t *slice, double
         for (int k = 0; k < 3; k++) products[j][k] += texel[j] * texel[k];
       }
     }
-    double block[3][3], energy = 0;
     for (int j = 0; j < 3; j++)
       for (int k = 0; k < 3; k++)
-        block[j][k] = (double)products[j][k] - (double)(sum[j] * sum[k]) / COEFFICIENTS;
-    for (int j = 0; j < 3; j++) energy += block[j][j];
-    double weight = 1 / (energy + COEFFICIENTS * step * step);
-    for (int k = 0; k < 9; k++) (&covariance[0][0])[k] += weight * (&block[0][0])[k];
+        covariance[j][k] += (double)products[j][k] - (double)(sum[j] * sum[k]) / COEFFICIENTS;
   }
 }
 
@@ -824,7 +815,7 @@ static slf_result sample_stream(unit_task *task, training *tr, slf_error *error)
 }
 
 static slf_result put_stream(layer_encoder *e, stream_kind kind, const float *mean,
-                             encoded_stream *encoded, double progress_begin, slf_error *error) {
+                             encoded_chunk *encoded, double progress_begin, slf_error *error) {
   layer_stream *stream = &e->layer.streams[kind];
   unit_task task = {.encoder = e, .kind = kind, .mean = mean, .unit = {{0}, {0}, 1}};
   training tr = {.encoder = e, .kind = kind};
@@ -833,6 +824,7 @@ static slf_result put_stream(layer_encoder *e, stream_kind kind, const float *me
   if (result == SLF_OK) result = train(e, &tr, error);
   free(tr.places);
   uint32_t index_count = mean ? 1 : unit_index_count(&e->layer, kind), done = 0;
+  stream_begin(&writer, e->scratch, stream->blocks.entry_count);
   for (uint32_t index = 0; index < index_count && result == SLF_OK; index++) {
     if (!mean) {
       task.unit = unit_at(&e->layer, kind, index);
@@ -846,11 +838,15 @@ static slf_result put_stream(layer_encoder *e, stream_kind kind, const float *me
                           progress_begin + (1 - progress_begin) * done / stream->unit_count);
   }
   stream->payload_bits = writer.payload_bit_count;
-  if (result == SLF_OK) result = stream_finish(&writer, &encoded->bytes, &encoded->nbytes, error);
+  if (result == SLF_OK) result = stream_finish(&writer, e->name, &encoded->nbytes, error);
   stream_writer_free(&writer);
-  if (result != SLF_OK) return result;
+  encoded->offset = writer.begin;
+  if (result != SLF_OK || kind == STREAM_REST) return result;
   /* From here on the stream can be decoded: what follows is predicted from it. */
-  stream->blocks.bytes = encoded->bytes;
+  result = scratch_map_part(e->scratch, encoded->offset, encoded->nbytes, e->name, &e->maps[kind],
+                            error);
+  if (result != SLF_OK) return result;
+  stream->blocks.bytes = e->maps[kind].bytes;
   stream->blocks.nbytes = encoded->nbytes;
   stream->tables = malloc(sizeof *stream->tables);
   if (!stream->tables) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", e->name);
@@ -880,7 +876,7 @@ static slf_result make_mean(layer_encoder *e, float *mean, slf_error *error) {
   return SLF_OK;
 }
 
-static slf_result put_base(layer_encoder *e, encoded_stream *encoded, slf_error *error) {
+static slf_result put_base(layer_encoder *e, encoded_chunk *encoded, slf_error *error) {
   const slf_layer *p = &e->layer.public;
   float *mean = calloc(3 * (size_t)p->u_count * p->v_count, sizeof *mean);
   if (!mean) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for the mean", e->name);
@@ -932,8 +928,9 @@ static slf_result put_header(const layer_encoder *e, encoded_layer *encoded, slf
     for (int i = 0; i < CODE_COUNT; i++)
       if (used >> i & 1) at += huffman_put(&stream->codes.codes[i], at);
   }
-  encoded->header.bytes = b;
-  encoded->header.nbytes = (uint64_t)(at - b);
+  encoded->header = (encoded_chunk){e->scratch->nbytes, (uint64_t)(at - b)};
+  scratch_write(e->scratch, encoded->header.offset, b, encoded->header.nbytes);
+  free(b);
   return SLF_OK;
 }
 
@@ -979,13 +976,15 @@ static slf_result encode_streams(layer_encoder *e, encoded_layer *encoded, slf_e
 }
 
 slf_result encode_layer(const slf_layer_options *options, const slf_source *source,
-                        const char *name, encoded_layer *encoded, slf_error *error) {
+                        scratch_file *scratch, const char *name, encoded_layer *encoded,
+                        slf_error *error) {
   *encoded = (encoded_layer){0};
   slf_result result = check_options(options, name, error);
   if (result != SLF_OK) return result;
   layer_encoder *e = calloc(1, sizeof *e);
   if (!e) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", name);
   e->source = source;
+  e->scratch = scratch;
   e->name = name;
   e->thread_count = options->thread_count ? options->thread_count : processor_count();
   bool single = options->s_count == 1 && options->t_count == 1;
@@ -1011,17 +1010,11 @@ slf_result encode_layer(const slf_layer_options *options, const slf_source *sour
   else
     result =
         slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for slices of %zu samples", name, samples);
-  if (result != SLF_OK) encoded_layer_free(encoded);
   for (int i = 0; i < QUAD_SLICES; i++) free(e->slices[i]);
   for (int i = 0; i < 2; i++) free(e->left[i]);
   free(e->rgb);
   layer_free(&e->layer);
+  for (int kind = 0; kind < STREAM_COUNT; kind++) scratch_unmap(&e->maps[kind]);
   free(e);
   return result;
-}
-
-void encoded_layer_free(encoded_layer *encoded) {
-  free(encoded->header.bytes);
-  for (int kind = 0; kind < STREAM_COUNT; kind++) free(encoded->streams[kind].bytes);
-  *encoded = (encoded_layer){0};
 }

@@ -4,19 +4,19 @@
 
 #include "codec/layer.h"
 
+/* A chunk's bytes, in a scratch file. */
 typedef struct {
-  uint8_t *bytes; /* malloc, the caller's */
-  uint64_t nbytes;
-} encoded_stream;
+  uint64_t offset, nbytes; /* nbytes 0: there is none */
+} encoded_chunk;
 
 typedef struct {
-  encoded_stream header, streams[STREAM_COUNT]; /* bytes NULL: the layer has none */
+  encoded_chunk header, streams[STREAM_COUNT];
   double psnr, ratio;
 } encoded_layer;
 
-/* `name` is for messages. On failure *encoded holds nothing. */
+/* Appends a layer's chunks to the scratch file. `name` is for messages. */
 slf_result encode_layer(const slf_layer_options *options, const slf_source *source,
-                        const char *name, encoded_layer *encoded, slf_error *error);
-void encoded_layer_free(encoded_layer *encoded);
+                        scratch_file *scratch, const char *name, encoded_layer *encoded,
+                        slf_error *error);
 
 #endif

@@ -24,19 +24,23 @@ slf_result slf_fail(slf_error *error, slf_result code, const char *format, ...) 
 /* Slicing by eight (Kounavis and Berry 2005). The tables are made for each call: 2,304 steps beside
  * the chunk's bytes, and no global state. */
 uint32_t slf_crc32(const void *bytes, size_t nbytes) {
+  return slf_crc32_more(0, bytes, nbytes);
+}
+
+uint32_t slf_crc32_more(uint32_t crc, const void *bytes, size_t nbytes) {
   uint32_t table[8][256];
   for (uint32_t i = 0; i < 256; i++) {
-    uint32_t crc = i;
-    for (int bit = 0; bit < 8; bit++) crc = crc >> 1 ^ (crc & 1 ? 0xedb88320u : 0);
-    table[0][i] = crc;
+    uint32_t entry = i;
+    for (int bit = 0; bit < 8; bit++) entry = entry >> 1 ^ (entry & 1 ? 0xedb88320u : 0);
+    table[0][i] = entry;
   }
   for (uint32_t i = 0; i < 256; i++)
     for (int slice = 1; slice < 8; slice++) {
-      uint32_t crc = table[slice - 1][i];
-      table[slice][i] = crc >> 8 ^ table[0][crc & 255];
+      uint32_t entry = table[slice - 1][i];
+      table[slice][i] = entry >> 8 ^ table[0][entry & 255];
     }
   const uint8_t *p = bytes;
-  uint32_t crc = 0xffffffffu;
+  crc = ~crc;
   for (; nbytes >= 8; nbytes -= 8, p += 8) {
     uint32_t low = crc ^ get_u32(p), high = get_u32(p + 4);
     crc = table[7][low & 255] ^ table[6][low >> 8 & 255] ^ table[5][low >> 16 & 255] ^

@@ -77,8 +77,11 @@ static inline void put_f32(uint8_t *p, float value) {
   put_u32(p, bits);
 }
 
-/* CRC-32 of IEEE 802.3 (the one of PNG and zlib). */
+/* CRC-32 of IEEE 802.3 (the one of PNG and zlib); the second goes on from the CRC of what is
+ * before.
+ */
 uint32_t slf_crc32(const void *bytes, size_t nbytes);
+uint32_t slf_crc32_more(uint32_t crc, const void *bytes, size_t nbytes);
 
 /* Fills *error (which may be NULL) and returns code. */
 slf_result slf_fail(slf_error *error, slf_result code, const char *format, ...)

@@ -243,7 +243,8 @@ void slf_writer_set_background(slf_writer *writer, const float linear_rgb[3]);
 /* Adds a surface (name, flags, mesh are read; layers are added by the next call). */
 slf_result slf_writer_add_surface(slf_writer *writer, const slf_surface *surface, slf_error *error);
 /* Encodes a layer of the surface added last. The same input gives the same bytes, whatever the
- * number of threads. Memory does not grow with the number of slices beyond the compressed size. */
+ * number of threads. Memory is a few slices, whatever their number and the size of the file: what
+ * is done waits in a scratch file beside the one to be, as large as that. */
 slf_result slf_writer_add_layer(slf_writer *writer, const slf_layer_options *options,
                                 const slf_source *source, slf_error *error);
 slf_result slf_writer_finish(slf_writer *writer, slf_error *error);

@@ -62,6 +62,26 @@ static void set_bits(uint8_t *bytes, uint64_t at, uint64_t value, unsigned count
   for (unsigned i = 0; i < count; i++, at++) bytes[at / 8] |= (uint8_t)((value >> i & 1) << at % 8);
 }
 
+enum { DIRECTORY_BUFFER_NBYTES = 1 << 12 };
+
+static void bits_clear(bit_string *bits) {
+  if (bits->bytes) memset(bits->bytes, 0, bits->capacity_nbytes);
+  bits->bit_count = 0;
+}
+
+static void flush_directory(stream_writer *writer) {
+  uint64_t nbytes = writer->directory.bit_count / 8;
+  scratch_write(writer->to, writer->directory_at, writer->directory.bytes, nbytes);
+  writer->directory_at += nbytes;
+  bits_clear(&writer->directory);
+}
+
+static void put_segment(stream_writer *writer, const uint8_t *bytes, uint64_t nbytes) {
+  uint64_t at = writer->begin + writer->directory_nbytes + writer->segments_nbytes;
+  scratch_write(writer->to, at, bytes, nbytes);
+  writer->segments_nbytes += nbytes;
+}
+
 static void end_segment(stream_writer *writer) {
   uint32_t n = (uint32_t)((writer->entry_count - 1) % SEGMENT_ENTRIES) + 1;
   uint64_t last = writer->offsets[n - 1];
@@ -79,14 +99,19 @@ static void end_segment(stream_writer *writer) {
     set_bits(head + 2, (uint64_t)(i - 1) * low_bits, offset, low_bits);
     set_bits(head + 2 + low_size, (offset >> low_bits) + i - 1, 1, 1);
   }
-  uint64_t begin = writer->segments.bit_count / 8;
-  bits_put(&writer->directory, (uint32_t)(begin >> 16), 32);
-  bits_put(&writer->directory, (uint32_t)(begin & 0xffff), 16);
-  for (uint32_t i = 0; i < 2 + low_size + high_nbytes; i++) bits_put(&writer->segments, head[i], 8);
-  bits_append(&writer->segments, &writer->segment);
-  align_to_byte(&writer->segments);
-  if (writer->segment.bytes) memset(writer->segment.bytes, 0, writer->segment.capacity_nbytes);
-  writer->segment.bit_count = 0;
+  uint64_t begin = writer->directory_nbytes + writer->segments_nbytes;
+  for (int shift = 0; shift < 48; shift += 8) bits_put(&writer->directory, begin >> shift & 255, 8);
+  if (writer->directory.bit_count >= 8 * DIRECTORY_BUFFER_NBYTES) flush_directory(writer);
+  align_to_byte(&writer->segment);
+  put_segment(writer, head, 2 + low_size + high_nbytes);
+  put_segment(writer, writer->segment.bytes, writer->segment.bit_count / 8);
+  bits_clear(&writer->segment);
+}
+
+void stream_begin(stream_writer *writer, scratch_file *to, uint64_t entry_count) {
+  *writer = (stream_writer){.to = to, .begin = to->nbytes};
+  writer->directory_nbytes = stream_segment_count(entry_count) * DIRECTORY_ENTRY_NBYTES;
+  writer->directory_at = to->nbytes;
 }
 
 void stream_put(stream_writer *writer, const bit_string *entry) {
@@ -96,29 +121,22 @@ void stream_put(stream_writer *writer, const bit_string *entry) {
   if (writer->entry_count % SEGMENT_ENTRIES == 0) end_segment(writer);
 }
 
-slf_result stream_finish(stream_writer *writer, uint8_t **bytes, uint64_t *nbytes,
+slf_result stream_finish(stream_writer *writer, const char *name, uint64_t *nbytes,
                          slf_error *error) {
+  static const uint8_t padding[STREAM_PAD_NBYTES];
   if (writer->entry_count % SEGMENT_ENTRIES) end_segment(writer);
-  uint64_t segment_count = stream_segment_count(writer->entry_count);
-  uint64_t directory_nbytes = segment_count * DIRECTORY_ENTRY_NBYTES;
-  uint64_t segments_nbytes = writer->segments.bit_count / 8;
-  *nbytes = directory_nbytes + segments_nbytes + STREAM_PAD_NBYTES;
-  bool failed = writer->directory.failed || writer->segments.failed || writer->segment.failed;
-  *bytes = failed ? NULL : calloc(1, *nbytes);
-  if (!*bytes)
-    return slf_fail(error, SLF_ERROR_MEMORY, "no memory for %" PRIu64 " bytes of blocks", *nbytes);
-  for (uint64_t i = 0; i < segment_count; i++) {
-    const uint8_t *p = writer->directory.bytes + i * DIRECTORY_ENTRY_NBYTES;
-    uint64_t begin = 0;
-    for (int k = 0; k < DIRECTORY_ENTRY_NBYTES; k++) begin = begin << 8 | p[k];
-    put_u48(*bytes + i * DIRECTORY_ENTRY_NBYTES, directory_nbytes + begin);
-  }
-  if (segments_nbytes) memcpy(*bytes + directory_nbytes, writer->segments.bytes, segments_nbytes);
+  flush_directory(writer);
+  put_segment(writer, padding, sizeof padding);
+  *nbytes = writer->directory_nbytes + writer->segments_nbytes;
+  if (writer->directory.failed || writer->segment.failed)
+    return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for a segment of blocks", name);
+  if (writer->to->error_number)
+    return slf_fail(error, SLF_ERROR_IO, "%s: %s", name, strerror(writer->to->error_number));
+  assert(writer->directory_at == writer->begin + writer->directory_nbytes);
   return SLF_OK;
 }
 
 void stream_writer_free(stream_writer *writer) {
   bits_free(&writer->directory);
-  bits_free(&writer->segments);
   bits_free(&writer->segment);
 }

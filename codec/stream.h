@@ -1,12 +1,12 @@
 /* stream.h - a chunk of C-Blocks: runs of bits, found by their number.
  *
- * A stream is a list of entries, each some bits long. 256 entries make a segment: their bit offsets
+ * A stream is a list of entries, each some bits long. 128 entries make a segment: their bit offsets
  * in Elias-Fano form, then their bits. A directory of 6 bytes a segment finds the segments.
  * FORMAT.md, "Block streams". */
 #ifndef SLF_STREAM_H
 #define SLF_STREAM_H
 
-#include "codec/format.h"
+#include "codec/scratch.h"
 
 enum {
   SEGMENT_ENTRIES = 128,
@@ -37,19 +37,27 @@ void bits_put(bit_string *bits, uint32_t value, unsigned count); /* count 0 .. 3
 void bits_append(bit_string *bits, const bit_string *more);
 void bits_free(bit_string *bits);
 
+/* Writes a stream to the end of a scratch file, a segment at a time. */
 typedef struct {
-  bit_string directory, segments; /* whole bytes */
-  bit_string segment;             /* the entries of the segment that is being filled */
+  scratch_file *to;
+  uint64_t begin, directory_nbytes; /* the stream's place in the file, its directory's size */
+  uint64_t directory_at;            /* where in the file the directory goes on, */
+  bit_string directory;             /* with these whole bytes */
+  uint64_t segments_nbytes;         /* so far */
+  bit_string segment;               /* the entries of the segment that is being filled */
   uint64_t offsets[SEGMENT_ENTRIES];
   uint64_t entry_count;
   uint64_t payload_bit_count;
 } stream_writer;
 
+/* Begins a stream of so many entries. */
+void stream_begin(stream_writer *writer, scratch_file *to, uint64_t entry_count);
+
 /* Appends an entry, in order. */
 void stream_put(stream_writer *writer, const bit_string *entry);
 
-/* Ends the stream; *bytes (malloc) becomes the caller's. */
-slf_result stream_finish(stream_writer *writer, uint8_t **bytes, uint64_t *nbytes,
+/* Ends the stream: it is the last *nbytes of the scratch file. */
+slf_result stream_finish(stream_writer *writer, const char *name, uint64_t *nbytes,
                          slf_error *error);
 void stream_writer_free(stream_writer *writer);
 

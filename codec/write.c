@@ -1,4 +1,5 @@
-/* write.c - assembling a file: chunks in memory, then one pass to a temporary and a rename. */
+/* write.c - assembling a file: chunks in a scratch file, then one pass to a temporary and a rename.
+ */
 #include "codec/encode.h"
 
 #include <errno.h>
@@ -11,8 +12,7 @@
 
 typedef struct {
   uint32_t type, surface, layer;
-  uint8_t *bytes;
-  uint64_t nbytes;
+  encoded_chunk content;
 } written_chunk;
 
 typedef struct {
@@ -23,6 +23,7 @@ typedef struct {
 struct slf_writer {
   char *path, *temporary;
   int descriptor;
+  scratch_file scratch; /* the chunks' bytes, in the order in which they came */
   float background[3];
   slf_view *views;
   uint32_t view_count;
@@ -35,7 +36,7 @@ struct slf_writer {
 /* ---- Begin and end ------------------------------------------------------------------------- */
 
 static void writer_free(slf_writer *writer) {
-  for (uint32_t i = 0; i < writer->chunk_count; i++) free(writer->chunks[i].bytes);
+  scratch_close(&writer->scratch);
   free(writer->chunks);
   free(writer->surfaces);
   free(writer->views);
@@ -48,7 +49,7 @@ slf_result slf_writer_create(const char *path, slf_writer **writer, slf_error *e
   *writer = NULL;
   slf_writer *w = calloc(1, sizeof *w);
   if (!w) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", path);
-  w->descriptor = -1;
+  w->descriptor = w->scratch.descriptor = -1;
   w->path = strdup(path);
   /* Beside the file, so that the rename stays in one file system; O_EXCL makes the name ours. */
   if (!w->path || asprintf(&w->temporary, "%s.%ld.part", path, (long)getpid()) < 0) {
@@ -62,8 +63,12 @@ slf_result slf_writer_create(const char *path, slf_writer **writer, slf_error *e
     writer_free(w);
     return result;
   }
-  *writer = w;
-  return SLF_OK;
+  slf_result result = scratch_open(path, &w->scratch, error);
+  if (result == SLF_OK)
+    *writer = w;
+  else
+    slf_writer_abort(w);
+  return result;
 }
 
 void slf_writer_abort(slf_writer *writer) {
@@ -79,17 +84,22 @@ static slf_result no_memory(const slf_writer *writer, slf_error *error) {
   return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", writer->path);
 }
 
-/* Takes the bytes over if it succeeds. */
 static slf_result add_chunk(slf_writer *writer, uint32_t type, uint32_t layer,
-                            encoded_stream *content, slf_error *error) {
+                            encoded_chunk content, slf_error *error) {
   written_chunk *chunks = realloc(writer->chunks, (writer->chunk_count + 1) * sizeof *chunks);
   if (!chunks) return no_memory(writer, error);
   writer->chunks = chunks;
   uint32_t surface = writer->surface_count ? writer->surface_count - 1 : 0;
-  chunks[writer->chunk_count++] =
-      (written_chunk){type, surface, layer, content->bytes, content->nbytes};
-  content->bytes = NULL;
+  chunks[writer->chunk_count++] = (written_chunk){type, surface, layer, content};
   return SLF_OK;
+}
+
+/* The same for bytes at hand. */
+static slf_result add_bytes(slf_writer *writer, uint32_t type, const uint8_t *bytes,
+                            uint64_t nbytes, slf_error *error) {
+  encoded_chunk content = {writer->scratch.nbytes, nbytes};
+  scratch_write(&writer->scratch, content.offset, bytes, nbytes);
+  return add_chunk(writer, type, 0, content, error);
 }
 
 static bool name_is_valid(const char *name) {
@@ -180,20 +190,19 @@ slf_result slf_writer_add_surface(slf_writer *writer, const slf_surface *surface
   }
   for (uint32_t i = 0; i < 3 * mesh->triangle_count; i++, p += 4) put_u32(p, mesh->triangles[i]);
   writer->surface_count++;
-  encoded_stream content = {bytes, nbytes};
-  result = add_chunk(writer, CHUNK_MESH, 0, &content, error);
-  if (result != SLF_OK) {
-    writer->surface_count--;
-    free(bytes);
-  }
+  result = add_bytes(writer, CHUNK_MESH, bytes, nbytes, error);
+  if (result != SLF_OK) writer->surface_count--;
+  free(bytes);
   return result;
 }
 
 /* Encodes until the target is met to 0.02 dB or 0.2 %, or the qualities end. PSNR and the logarithm
  * of the ratio are nearly straight lines over quality, so secants find it in a few turns. */
 static slf_result encode_for_target(const slf_layer_options *options, const slf_source *source,
-                                    const char *name, encoded_layer *encoded, slf_error *error) {
+                                    scratch_file *scratch, const char *name, encoded_layer *encoded,
+                                    slf_error *error) {
   enum { TURNS = 8 };
+  uint64_t begin = scratch->nbytes;
   bool by_ratio = options->target_ratio > 0;
   double target = by_ratio ? log(options->target_ratio) : options->target_psnr;
   double tolerance = by_ratio ? 0.002 : 0.02, slope = by_ratio ? -0.09 : 0.6;
@@ -201,7 +210,7 @@ static slf_result encode_for_target(const slf_layer_options *options, const slf_
   for (int turn = 0;; turn++) {
     slf_layer_options o = *options;
     o.quality = (float)quality;
-    slf_result result = encode_layer(&o, source, name, encoded, error);
+    slf_result result = encode_layer(&o, source, scratch, name, encoded, error);
     if (result != SLF_OK) return result;
     double value = by_ratio ? log(encoded->ratio) : encoded->psnr;
     double missing = target - value;
@@ -210,7 +219,7 @@ static slf_result encode_for_target(const slf_layer_options *options, const slf_
     double next = fmax(1, fmin(100, quality + missing / slope));
     if (fabs(missing) <= tolerance || turn + 1 == TURNS || fabs(next - quality) < 1e-3)
       return SLF_OK;
-    encoded_layer_free(encoded);
+    scratch_truncate(scratch, begin);
     before = quality;
     value_before = value;
     quality = next;
@@ -228,19 +237,19 @@ slf_result slf_writer_add_layer(slf_writer *writer, const slf_layer_options *opt
   snprintf(name, sizeof name, "%s: %s", writer->path, surface->name);
   encoded_layer encoded;
   bool searches = options->target_psnr > 0 || options->target_ratio > 0;
-  slf_result result = searches ? encode_for_target(options, source, name, &encoded, error)
-                               : encode_layer(options, source, name, &encoded, error);
+  slf_result result =
+      searches ? encode_for_target(options, source, &writer->scratch, name, &encoded, error)
+               : encode_layer(options, source, &writer->scratch, name, &encoded, error);
   if (result != SLF_OK) return result;
   uint32_t layer = surface->layer_count, chunk_count = writer->chunk_count;
-  result = add_chunk(writer, CHUNK_LAYER, layer, &encoded.header, error);
+  result = add_chunk(writer, CHUNK_LAYER, layer, encoded.header, error);
   for (int kind = 0; kind < STREAM_COUNT && result == SLF_OK; kind++)
-    if (encoded.streams[kind].bytes)
-      result = add_chunk(writer, slf_stream_chunks[kind], layer, &encoded.streams[kind], error);
+    if (encoded.streams[kind].nbytes)
+      result = add_chunk(writer, slf_stream_chunks[kind], layer, encoded.streams[kind], error);
   if (result == SLF_OK)
     surface->layer_count++;
   else
-    while (writer->chunk_count > chunk_count) free(writer->chunks[--writer->chunk_count].bytes);
-  encoded_layer_free(&encoded);
+    writer->chunk_count = chunk_count;
   return result;
 }
 
@@ -272,22 +281,10 @@ static slf_result add_scene(slf_writer *writer, slf_error *error) {
   }
   uint32_t surface_count = writer->surface_count;
   writer->surface_count = 0; /* the chunk belongs to none */
-  encoded_stream content = {bytes, nbytes};
-  slf_result result = add_chunk(writer, CHUNK_SCENE, 0, &content, error);
-  if (result != SLF_OK) free(bytes);
+  slf_result result = add_bytes(writer, CHUNK_SCENE, bytes, nbytes, error);
+  free(bytes);
   writer->surface_count = surface_count;
   return result;
-}
-
-static bool write_bytes(int descriptor, const uint8_t *bytes, uint64_t nbytes) {
-  while (nbytes) {
-    ssize_t written = write(descriptor, bytes, nbytes < 1 << 30 ? nbytes : 1 << 30);
-    if (written < 0 && errno == EINTR) continue;
-    if (written < 0) return false;
-    bytes += written;
-    nbytes -= (uint64_t)written;
-  }
-  return true;
 }
 
 /* What is needed first stands first: the scene, the meshes, the layers' tables, then the base, the
@@ -304,18 +301,43 @@ static int chunk_order(const void *a, const void *b) {
   return (x->layer > y->layer) - (x->layer < y->layer);
 }
 
+/* Copies a chunk to its offset in the file; its CRC at *crc. */
+static bool copy_chunk(const slf_writer *writer, const encoded_chunk *content, uint64_t offset,
+                       uint32_t *crc) {
+  uint8_t buffer[1 << 16];
+  *crc = 0;
+  for (uint64_t done = 0; done < content->nbytes;) {
+    uint64_t left = content->nbytes - done;
+    ssize_t count =
+        pread(writer->scratch.descriptor, buffer, left < sizeof buffer ? left : sizeof buffer,
+              (off_t)(content->offset + done));
+    if (count < 0 && errno == EINTR) continue;
+    if (count == 0) errno = EIO; /* the scratch file ends early */
+    if (count <= 0 || !write_at(writer->descriptor, offset + done, buffer, (uint64_t)count))
+      return false;
+    *crc = slf_crc32_more(*crc, buffer, (size_t)count);
+    done += (uint64_t)count;
+  }
+  return true;
+}
+
+/* The chunks, and then, as their CRCs are known, the head. */
 static bool write_file(slf_writer *writer, uint8_t *head, uint64_t head_nbytes) {
   uint64_t offset = head_nbytes;
+  errno = writer->scratch.error_number;
+  if (errno) return false;
   for (uint32_t i = 0; i < writer->chunk_count; i++) {
     const written_chunk *c = &writer->chunks[i];
     uint8_t *e = head + HEADER_NBYTES + (size_t)i * CHUNK_ENTRY_NBYTES;
+    uint32_t crc;
+    if (!copy_chunk(writer, &c->content, offset, &crc)) return false;
     put_u32(e, c->type);
     put_u16(e + 4, c->surface);
     put_u16(e + 6, c->layer);
-    put_u32(e + 8, slf_crc32(c->bytes, c->nbytes));
+    put_u32(e + 8, crc);
     put_u64(e + 16, offset);
-    put_u64(e + 24, c->nbytes);
-    offset += c->nbytes;
+    put_u64(e + 24, c->content.nbytes);
+    offset += c->content.nbytes;
   }
   memcpy(head, slf_magic, sizeof slf_magic);
   put_u16(head + 8, VERSION_MAJOR);
@@ -324,10 +346,7 @@ static bool write_file(slf_writer *writer, uint8_t *head, uint64_t head_nbytes) 
   put_u64(head + 16, offset);
   put_u32(head + 24, slf_crc32(head + HEADER_NBYTES, head_nbytes - HEADER_NBYTES));
   put_u32(head + 28, slf_crc32(head, 28));
-  if (!write_bytes(writer->descriptor, head, head_nbytes)) return false;
-  for (uint32_t i = 0; i < writer->chunk_count; i++)
-    if (!write_bytes(writer->descriptor, writer->chunks[i].bytes, writer->chunks[i].nbytes))
-      return false;
+  if (!write_at(writer->descriptor, 0, head, head_nbytes)) return false;
   int descriptor = writer->descriptor;
   writer->descriptor = -1;
   return close(descriptor) == 0 && rename(writer->temporary, writer->path) == 0;

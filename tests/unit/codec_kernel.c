@@ -257,9 +257,13 @@ static void impossible_codes_are_refused(void **state) {
 
 static void entries_are_found(void **state) {
   (void)state;
+  slf_error error;
+  scratch_file scratch;
+  assert_int_equal(scratch_open("/tmp/slf_codec_kernel", &scratch, &error), SLF_OK);
   for (int n = 0; n < 30; n++) {
-    stream_writer writer = {0};
-    uint64_t lengths[600], count = 1 + random_u32() % 600;
+    stream_writer writer;
+    uint64_t lengths[600], count = 1 + random_u32() % 600, begin = scratch.nbytes, nbytes;
+    stream_begin(&writer, &scratch, count);
     uint32_t longest = 1u << random_u32() % 12;
     for (uint64_t i = 0; i < count; i++) {
       bit_string entry = {0};
@@ -269,11 +273,12 @@ static void entries_are_found(void **state) {
       stream_put(&writer, &entry);
       bits_free(&entry);
     }
-    uint8_t *bytes;
-    uint64_t nbytes;
-    slf_error error;
-    assert_int_equal(stream_finish(&writer, &bytes, &nbytes, &error), SLF_OK);
+    scratch_map map;
+    assert_int_equal(stream_finish(&writer, "test", &nbytes, &error), SLF_OK);
+    assert_int_equal(scratch.nbytes, begin + nbytes);
     stream_writer_free(&writer);
+    assert_int_equal(scratch_map_part(&scratch, begin, nbytes, "test", &map, &error), SLF_OK);
+    const uint8_t *bytes = map.bytes;
     block_stream stream = {bytes, nbytes, count};
     for (int k = 0; k < kernel_count; k++) {
       assert_int_equal(kernels[k]->check_stream(&stream, "test", &error), SLF_OK);
@@ -284,8 +289,9 @@ static void entries_are_found(void **state) {
         assert_int_equal(window >> (8 - bit % 8) & 0xffff, i + 1);
       }
     }
-    free(bytes);
+    scratch_unmap(&map);
   }
+  scratch_close(&scratch);
 }
 
 int main(void) {
