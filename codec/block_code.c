@@ -43,14 +43,14 @@ static uint32_t large_entry(const huffman_decoder *decoder, uint32_t window) {
   unsigned bits, symbol = huffman_read(decoder, 1, window << (16 - FAST_BITS), &bits);
   unsigned size = symbol & 15;
   if (bits == 0 || bits > FAST_BITS || size == 0) return 0;
-  return ((symbol >> 4) + 1) << 6 | bits << 13 | size << 18;
+  return ((symbol >> 4) + 1) << 7 | bits << 12 | size << 17;
 }
 
 static uint32_t ac_entry(const huffman_decoder *decoder, const huffman_decoder *later,
                          uint32_t window) {
   ac_token first = token_in_window(decoder, window, FAST_BITS);
   if (first.taken == 0 || !is_small(first.level)) return large_entry(decoder, window);
-  if (first.end) return first.taken | FAST_END | 64u << 6;
+  if (first.end) return first.taken | FAST_END;
   unsigned taken = first.taken, step = 0, left = FAST_BITS - first.taken;
   int32_t level = 0;
   bool end = false;
@@ -63,16 +63,13 @@ static uint32_t ac_entry(const huffman_decoder *decoder, const huffman_decoder *
     step = next.step;
     level = next.level;
   }
-  return taken | (end ? FAST_END : 0) | first.step << 6 | step << 13 |
-         ((uint32_t)first.level & 127) << 18 | (uint32_t)level << 25;
+  return taken | (end ? FAST_END : 0) | first.step << 7 | step << 12 |
+         ((uint32_t)first.level & 127) << 17 | ((uint32_t)level & 127) << 24;
 }
 
-static uint32_t dc_entry(const huffman_decoder *decoder, uint32_t window) {
-  unsigned code_bits, size = huffman_read(decoder, 1, window << (16 - FAST_DC_BITS), &code_bits);
-  unsigned taken = code_bits + size;
-  if (code_bits == 0 || taken > FAST_DC_BITS) return 0;
-  int32_t level = extend(window >> (FAST_DC_BITS - taken) & ((1u << size) - 1), size);
-  return taken | (uint32_t)level << 16;
+static uint8_t dc_entry(const huffman_decoder *decoder, uint32_t window) {
+  unsigned bits, size = huffman_read(decoder, 1, window << (16 - FAST_DC_BITS), &bits);
+  return bits != 0 && bits <= FAST_DC_BITS && size <= 15 ? (uint8_t)(bits | size << 4) : LONG_DC;
 }
 
 static uint16_t head_entry(const huffman_decoder *decoder, uint32_t window) {
@@ -92,7 +89,7 @@ static uint16_t pass_entry(const block_tables *tables, unsigned state, uint32_t 
     taken += bits + size;
     state = symbol == SYMBOL_END ? pass_next_channel(state) : state | 1;
   }
-  return (uint16_t)(taken | state << 5);
+  return (uint16_t)(taken ? taken | state << 5 : 0);
 }
 
 static uint8_t bare_heads_entry(const block_tables *tables, uint32_t window) {
@@ -124,7 +121,9 @@ void block_tables_make(const block_codes *codes, block_tables *tables) {
   for (uint32_t w = 0; w < 1u << PASS_BITS; w++) {
     tables->bare_heads[w] = bare_heads_entry(tables, w);
     for (unsigned i = 0; i < PASS_STATES; i++) tables->pass[i][w] = pass_entry(tables, i, w);
+    tables->pass[PASS_END][w] = PASS_END << 5;
   }
+  memset(tables->dc[NO_DC], 0, sizeof tables->dc[NO_DC]);
   tables->may_lean = false;
   const huffman_code *heads = &codes->codes[CODE_HEAD];
   for (int i = 0; i < heads->symbol_count; i++)

@@ -61,40 +61,40 @@ static inline int32_t extend(uint32_t value, unsigned size) {
                                           : (int32_t)value;
 }
 
-/* An AC entry holds as many whole levels as FAST_BITS show, two at most, small ones: bits 0-4 how
- * many bits they take, 0 if none is whole; 5 the channel ends here; 6-12 and 13-17 how far each
- * lies behind the one before (0: there is no second; 64: no first, the channel ends); 18-24 and
- * 25-31 the levels. Where none is whole, but the first one's code is: 6-12 how far it lies, 13-17
- * how many bits the code takes, 18-21 and then the level. A DC entry: bits 0-4 bits taken, 0 if
- * more than FAST_DC_BITS; 16-31 the level. Small entries: the tables of a scheme fit in a
- * first-level cache. */
-enum { FAST_END = 1 << 5, FAST_MAX_LEVEL = 63 };
+/* An AC entry holds as many whole levels as FAST_BITS show, two at most, small ones: bits 0-5 how
+ * many bits they take, 0 if none is whole; 6 the channel ends here; 7-11 and 12-16 how far each
+ * lies behind the one before (0: there is none); 17-23 and 24-30 the levels. Where none is whole,
+ * but the first one's code is: 7-11 how far it lies, 12-16 how many bits the code takes, 17-20 and
+ * then the level. A DC entry: bits 0-3 how many bits the code takes, 4-7 and then the level; 0 if
+ * the code has more than FAST_DC_BITS. Small entries: the tables of a scheme fit in a first-level
+ * cache. */
+enum { FAST_END = 1 << 6, FAST_MAX_LEVEL = 63, FAST_READS = 5, LONG_DC = 255, NO_DC = 4 };
 static inline unsigned fast_taken(uint32_t entry) {
-  return entry & 31;
+  return entry & 63;
 }
 static inline unsigned fast_step(uint32_t entry) {
-  return entry >> 6 & 127;
+  return entry >> 7 & 31;
 }
 static inline unsigned fast_second_step(uint32_t entry) {
-  return entry >> 13 & 31;
+  return entry >> 12 & 31;
 }
 static inline unsigned large_code_bits(uint32_t entry) {
-  return entry >> 13 & 31;
+  return entry >> 12 & 31;
 }
 static inline unsigned large_size(uint32_t entry) {
-  return entry >> 18 & 15;
+  return entry >> 17 & 15;
 }
 static inline int32_t fast_level(uint32_t entry) {
-  return (int32_t)(entry << 7) >> 25;
+  return (int32_t)(entry << 8) >> 25;
 }
 static inline int32_t fast_second_level(uint32_t entry) {
-  return (int32_t)entry >> 25;
+  return (int32_t)(entry << 1) >> 25;
 }
 
 /* To pass over AC levels, only their bits are counted. A state is what of a block is still to come:
  * residual or not, the channels, the first level of a channel or a later one. An entry: bits 0-4
- * bits taken by the symbols whose codes PASS_BITS show whole, 0 if there is none; 5-9 the state
- * behind them. */
+ * bits taken by the symbols whose codes PASS_BITS show whole; 5-9 the state behind them; 0 if there
+ * is none. At the end nothing is taken. */
 enum { PASS_BITS = 9, PASS_STATES = 20, PASS_END = PASS_STATES, PASS_MAX_TAKEN = 31 };
 static inline unsigned pass_state(int residual, unsigned flags) {
   static const uint8_t states[2][8] = {{PASS_END, 4, 0, 6, 0, 6, 2, 8},
@@ -113,9 +113,9 @@ static inline unsigned pass_next_channel(unsigned state) {
 
 typedef struct {
   uint32_t ac[8][1 << FAST_BITS];
-  uint32_t dc[4][1 << FAST_DC_BITS];
-  uint16_t head[1 << FAST_DC_BITS]; /* bits 0-7 bits taken, 0 if longer; 8-15 the symbol */
-  uint16_t pass[PASS_STATES][1 << PASS_BITS];
+  uint8_t dc[NO_DC + 1][1 << FAST_DC_BITS]; /* NO_DC: takes nothing, gives 0 */
+  uint16_t head[1 << FAST_DC_BITS];         /* bits 0-7 bits taken, 0 if longer; 8-15 the symbol */
+  uint16_t pass[PASS_STATES + 1][1 << PASS_BITS];
   /* Blocks that are a head and no more: bits 0-3 bits taken, 4-7 how many blocks. */
   uint8_t bare_heads[1 << PASS_BITS];
   bool may_lean; /* some block is predicted from the one before it */

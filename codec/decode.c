@@ -24,24 +24,29 @@ static inline void begin_at(entry_reader *r, const entry_site *site, uint64_t bi
   entry_begin(&r->state);
 }
 
+/* How many blocks of its entry stand before a block and before all that it may lean on. */
+static inline uint32_t blocks_before(const entry_site *site) {
+  return site->stream->tables->may_lean ? site->number - site->number % site->slice_count
+                                        : site->number;
+}
+
 /* Passes over blocks up to a block, or if that leans on them, back to the one it stands on. Where
  * nothing passed over is such a one, it is the block read last, whose levels are at hand. */
 static bool skip_to(entry_reader *r, const entry_site *site) {
   const block_tables *tables = r->stream->tables;
-  uint32_t number = site->number, place_begin = number - number % site->slice_count;
+  uint32_t number = site->number, before = blocks_before(site);
   r->has_levels = false;
-  if (!tables->may_lean) place_begin = number;
-  if (r->next < place_begin) {
-    uint32_t count = place_begin - r->next;
-    r->next = place_begin;
-    if (!blocks_pass(tables, &r->reader, &r->state, count)) return false;
+  if (r->next < before) {
+    uint32_t count = before - r->next;
+    r->next = before;
+    if (!blocks_pass(tables, &r->reader, r->state.intra_dc, count)) return false;
   }
   entry_reader mark;
   mark.next = r->next;
   mark.reader = r->reader;
   memcpy(mark.state.intra_dc, r->state.intra_dc, sizeof mark.state.intra_dc);
   while (r->next < number) {
-    if (!blocks_pass(tables, &r->reader, &r->state, 1)) return false;
+    if (!blocks_pass(tables, &r->reader, r->state.intra_dc, 1)) return false;
     r->next++;
     if (block_leans_on_previous(tables, &r->reader)) continue;
     mark.next = r->next;
@@ -55,15 +60,17 @@ static bool skip_to(entry_reader *r, const entry_site *site) {
   return true;
 }
 
+static void give_up(entry_reader *r) {
+  r->stream = NULL;
+  memset(r->state.levels, 0, sizeof r->state.levels);
+}
+
 /* Reads up to a block; a damaged entry ends early, with what was read. */
 static inline void read_up_to(entry_reader *r, const entry_site *site) {
-  /* One block on, with its predecessor's levels at hand: just read it. */
-  if (!(r->has_levels || site->number == 0) || r->next != site->number) {
-    if (!skip_to(r, site)) {
-      r->stream = NULL;
-      memset(r->state.levels, 0, sizeof r->state.levels);
-      return;
-    }
+  bool leans_on_nothing = blocks_before(site) == site->number;
+  if ((r->next != site->number || !(r->has_levels || leans_on_nothing)) && !skip_to(r, site)) {
+    give_up(r);
+    return;
   }
   while (r->next <= site->number) {
     uint32_t number = r->next++;
@@ -151,21 +158,31 @@ typedef struct {
   uint64_t tags[KEY_MEMO]; /* 0: empty */
   fine_block keys[KEY_MEMO];
   entry_reader readers[KEY_MEMO];
+  uint64_t difference_tags[KEY_MEMO];
+  fine_block differences[KEY_MEMO]; /* of 2x2 groups at 2x2 places */
 } key_memo;
 
 static void memo_begin(key_memo *memo) {
   memset(memo->tags, 0, sizeof memo->tags);
+  memset(memo->difference_tags, 0, sizeof memo->difference_tags);
   for (int i = 0; i < KEY_MEMO; i++) memo->readers[i].stream = NULL;
+}
+
+static uint64_t key_number(const layer_state *layer, uint32_t group, uint64_t place) {
+  return layer->group_ranks[group] * layer_place_count(layer) + place;
+}
+
+static uint64_t key_tag(uint32_t group, uint64_t place) {
+  return (place << 12 | group) + 1; /* there are at most 64 x 64 groups */
 }
 
 static const fine_block *get_key(const layer_state *layer, uint32_t group, uint64_t place,
                                  key_memo *memo) {
-  uint64_t at = layer->group_ranks[group] * layer_place_count(layer) + place;
+  uint64_t at = key_number(layer, group, place), tag = key_tag(group, place);
   if (layer->keys.blocks) {
     const fine_block *stored = stored_block(&layer->keys, at);
     if (stored) return stored;
   }
-  uint64_t tag = (place << 12 | group) + 1; /* there are at most 64 x 64 groups */
   uint32_t slot = group % layer->group_s_count % 4 + group / layer->group_s_count % 4 * 4;
   if (memo->tags[slot] != tag) {
     memo->tags[slot] = tag;
@@ -197,48 +214,93 @@ static void decode_keys(const layer_state *layer, uint32_t s, uint32_t t, uint64
 
 /* ---- Shifts -------------------------------------------------------------------------------- */
 
-static void key_difference(const layer_state *layer, uint32_t group, uint64_t place, key_memo *memo,
-                           float channels[3][COEFFICIENTS]) {
-  static const entry_state nothing = {.ac_flags = 7};
-  fine_block difference, scratch;
+static void make_difference(const layer_state *layer, uint32_t group, uint64_t place,
+                            key_memo *memo, fine_block difference) {
+  fine_block fine, scratch;
   const int16_t *key = &(*get_key(layer, group, place, memo))[0][0];
   const int16_t *base = &(*get_base(layer, place, &scratch))[0][0];
   for (int k = 0; k < 3 * COEFFICIENTS; k++)
-    (&difference[0][0])[k] = wrap((uint32_t)key[k] - (uint32_t)base[k]);
-  levels_to_channels(layer, (const int16_t(*)[COEFFICIENTS])difference, &nothing, 0, channels);
+    (&fine[0][0])[k] = wrap((uint32_t)key[k] - (uint32_t)base[k]);
+  levels_to_difference(layer, (const int16_t(*)[COEFFICIENTS])fine, difference);
 }
 
-static void shift_difference(const layer_state *layer, uint32_t group, uint64_t place, int du,
-                             int dv, key_memo *memo, float channels[3][COEFFICIENTS]) {
-  const slf_layer *p = &layer->public;
-  int32_t u0 = (int32_t)(place % p->block_u_count) * 8 + du;
-  int32_t v0 = (int32_t)(place / p->block_u_count) * 8 + dv;
-  int32_t width = (int32_t)p->block_u_count * 8, height = (int32_t)p->block_v_count * 8;
-  int32_t u_split = 8 - (u0 & 7), v_split = 8 - (v0 & 7);
-  uint64_t have = UINT64_MAX;
-  float block[3][COEFFICIENTS];
-  /* Place by place, the part of the shifted block that lies there; beyond the slice its edge
-   * repeats. */
-  for (int part = 0; part < 4; part++) {
-    int32_t x_begin = part & 1 ? u_split : 0, x_end = part & 1 ? 8 : u_split;
-    int32_t y_begin = part & 2 ? v_split : 0, y_end = part & 2 ? 8 : v_split;
-    for (int32_t y = y_begin; y < y_end; y++)
-      for (int32_t x = x_begin; x < x_end; x++) {
-        int32_t u = u0 + x, v = v0 + y;
-        u = u < 0 ? 0 : u >= width ? width - 1 : u;
-        v = v < 0 ? 0 : v >= height ? height - 1 : v;
-        uint64_t at = (uint64_t)(v / 8) * p->block_u_count + (uint64_t)(u / 8);
-        if (at != have) key_difference(layer, group, have = at, memo, block);
-        for (int c = 0; c < 3; c++) channels[c][8 * y + x] = block[c][8 * (v & 7) + (u & 7)];
-      }
+static const fine_block *get_difference(const layer_state *layer, uint32_t group, uint32_t block_u,
+                                        uint32_t block_v, key_memo *memo) {
+  uint64_t place = (uint64_t)block_v * layer->public.block_u_count + block_u;
+  uint64_t at = key_number(layer, group, place), tag = key_tag(group, place);
+  if (layer->differences.blocks) {
+    const fine_block *stored = stored_block(&layer->differences, at);
+    if (stored) return stored;
   }
+  uint32_t slot = block_u % 2 + block_v % 2 * 2 + group % layer->group_s_count % 2 * 4 +
+                  group / layer->group_s_count % 2 * 8;
+  fine_block *difference = &memo->differences[slot];
+  if (memo->difference_tags[slot] != tag) {
+    memo->difference_tags[slot] = tag;
+    make_difference(layer, group, place, memo, *difference);
+    if (layer->differences.blocks)
+      store_block(&layer->differences, at, (const fine_block *)difference);
+  }
+  return (const fine_block *)difference;
+}
+
+/* The texels of a place; beyond the slice its edge repeats. */
+static void copy_edge(const fine_block from, bool left, bool right, bool above, bool below,
+                      int16_t *to) {
+  for (int c = 0; c < 3; c++)
+    for (int y = 0; y < 8; y++) {
+      const int16_t *row = from[c] + 8 * (above ? 0 : below ? 7 : y);
+      int16_t *row_to = to + c * WINDOW_CHANNEL + y * WINDOW_ROW, edge = row[left ? 0 : 7];
+      memcpy(row_to, row, 8 * sizeof *row);
+      if (left | right)
+        for (int x = 0; x < 8; x++) row_to[x] = edge;
+    }
+}
+
+static inline void copy_texels(const fine_block from, int16_t *to) {
+  for (int c = 0; c < 3; c++)
+#pragma GCC unroll 8
+    for (int y = 0; y < 8; y++)
+      memcpy(to + c * WINDOW_CHANNEL + y * WINDOW_ROW, from[c] + 8 * y, 8 * sizeof *to);
+}
+
+static inline int32_t clamp(int32_t x, int32_t last) {
+  return x < 0 ? 0 : x > last ? last : x;
+}
+
+/* Place by place, what lies where the block is shifted to. */
+static void fill_window(const layer_state *layer, uint32_t group, uint64_t place, int du, int dv,
+                        key_memo *memo, shift_window *window) {
+  const slf_layer *p = &layer->public;
+  int32_t u_last = (int32_t)p->block_u_count - 1, v_last = (int32_t)p->block_v_count - 1;
+  /* Shifts are -16 at least. */
+  int32_t u0 = (int32_t)((uint32_t)place % p->block_u_count) + (du + 16) / 8 - 2;
+  int32_t v0 = (int32_t)((uint32_t)place / p->block_u_count) + (dv + 16) / 8 - 2;
+  int32_t x0 = (du + 16) % 8, y0 = (dv + 16) % 8;
+  window->begin = (uint32_t)(y0 * WINDOW_ROW + x0);
+  for (int32_t j = 0; j < 1 + (y0 > 0); j++)
+    for (int32_t i = 0; i < 1 + (x0 > 0); i++) {
+      int32_t u = clamp(u0 + i, u_last), v = clamp(v0 + j, v_last);
+      const fine_block *from = get_difference(layer, group, (uint32_t)u, (uint32_t)v, memo);
+      int16_t *to = window->channels + 8 * (j * WINDOW_ROW + i);
+      if (u == u0 + i && v == v0 + j)
+        copy_texels(*from, to);
+      else
+        copy_edge(*from, u0 + i<u, u0 + i> u, v0 + j<v, v0 + j> v, to);
+    }
 }
 
 static void decode_shifted(const layer_state *layer, uint32_t group, uint64_t place, int du, int dv,
                            float channels[3][COEFFICIENTS]) {
   key_memo memo;
+  shift_window window;
   memo_begin(&memo);
-  shift_difference(layer, group, place, du, dv, &memo, channels);
+  fill_window(layer, group, place, du, dv, &memo, &window);
+  for (int c = 0; c < 3; c++)
+    for (int i = 0; i < COEFFICIENTS; i++) {
+      uint32_t at = window.begin + (uint32_t)(c * WINDOW_CHANNEL + i / 8 * WINDOW_ROW + i % 8);
+      channels[c][i] = (float)window.channels[at] / layer->difference_one;
+    }
 }
 
 /* ---- Blocks -------------------------------------------------------------------------------- */
@@ -304,7 +366,7 @@ static void decode_chain(const layer_state *layer, uint32_t s, uint32_t t, uint6
     read_block(&reader, &site);
     bool moves = reader.state.predictor == PREDICT_SHIFT;
     if (moves) shift_channels(channels, reader.state.shift_u, reader.state.shift_v, shifted);
-    levels_to_channels(layer, NULL, &reader.state, layer->gains[STREAM_REST], channels);
+    levels_to_channels(layer, NULL, &reader.state, layer->gains[STREAM_REST], NULL, channels);
     if (moves) add_channels(channels, shifted);
   }
 }
@@ -318,38 +380,29 @@ static void finish_block(decoder *d, const entry_site *site, uint32_t s, uint32_
   const fine_block *found = get_prediction(d, site, s, t, place, &group, &scratch);
   const int16_t(*prediction)[COEFFICIENTS] =
       found ? (const int16_t(*)[COEFFICIENTS]) * found : NULL;
-  if (u_block && !is_shifted(d)) {
-    levels_to_codes(layer, prediction, &d->rest.state, gain, u_block);
-    return;
-  }
-  levels_to_channels(layer, prediction, &d->rest.state, gain, channels);
+  shift_window window, *shifted = NULL;
   if (is_shifted(d)) {
-    float moved[3][COEFFICIENTS];
-    shift_difference(layer, group, place, d->rest.state.shift_u, d->rest.state.shift_v, &d->memo,
-                     moved);
-    add_channels(channels, moved);
+    shifted = &window;
+    fill_window(layer, group, place, d->rest.state.shift_u, d->rest.state.shift_v, &d->memo,
+                shifted);
   }
-  if (u_block) channels_to_codes(layer, channels, u_block);
+  if (u_block)
+    levels_to_codes(layer, prediction, &d->rest.state, gain, shifted, u_block);
+  else
+    levels_to_channels(layer, prediction, &d->rest.state, gain, shifted, channels);
 }
 
-/* Any existing block, in codes or channels; site is its own, bit where its entry begins. */
-static void decode_at(decoder *d, uint32_t s, uint32_t t, uint64_t place, const entry_site *site,
-                      uint64_t bit, uint8_t *u_block, float channels[3][COEFFICIENTS]) {
+/* A block of the keys. */
+static void decode_key_slice(decoder *d, uint32_t s, uint32_t t, uint64_t place, uint8_t *u_block,
+                             float channels[3][COEFFICIENTS]) {
   static const entry_state nothing = {.ac_flags = 7};
   const layer_state *layer = d->layer;
-  if (site->stream == &layer->streams[STREAM_KEYS]) {
-    const fine_block *key = get_key(layer, layer_group(layer, s, t), place, &d->memo);
-    const int16_t(*fine)[COEFFICIENTS] = (const int16_t(*)[COEFFICIENTS]) * key;
-    if (u_block)
-      levels_to_codes(layer, fine, &nothing, 0, u_block);
-    else
-      levels_to_channels(layer, fine, &nothing, 0, channels);
-    return;
-  }
-  if (d->rest.stream == NULL || d->rest.entry != site->entry || d->rest.next > site->number)
-    begin_at(&d->rest, site, bit);
-  read_up_to(&d->rest, site);
-  finish_block(d, site, s, t, place, u_block, channels);
+  const fine_block *key = get_key(layer, layer_group(layer, s, t), place, &d->memo);
+  const int16_t(*fine)[COEFFICIENTS] = (const int16_t(*)[COEFFICIENTS]) * key;
+  if (u_block)
+    levels_to_codes(layer, fine, &nothing, 0, NULL, u_block);
+  else
+    levels_to_channels(layer, fine, &nothing, 0, NULL, channels);
 }
 
 static void decode_channels(const layer_state *layer, uint32_t s, uint32_t t, uint64_t place,
@@ -361,19 +414,25 @@ static void decode_channels(const layer_state *layer, uint32_t s, uint32_t t, ui
   decoder d;
   decoder_begin(&d, layer);
   entry_site site = site_of_slice(layer, s, t, place);
-  decode_at(&d, s, t, place, &site, stream_find(&site.stream->blocks, site.entry), NULL, channels);
+  if (site.stream == &layer->streams[STREAM_KEYS]) {
+    decode_key_slice(&d, s, t, place, NULL, channels);
+    return;
+  }
+  read_block(&d.rest, &site);
+  finish_block(&d, &site, s, t, place, NULL, channels);
 }
 
 /* ---- Batches ------------------------------------------------------------------------------- */
 
-/* How far ahead of decoding a block's index and bits are asked for: a miss takes some 80 ns, about
- * as long as a block; three dependent ones stand before the bits. */
-enum { AHEAD_DIRECTORY = 12, AHEAD_SEGMENT = 8, AHEAD_BITS = 4, RING = 16 };
+/* Blocks go through in groups, and so does what comes before them: a miss takes some 80 ns, about
+ * as long as a block, and three dependent ones stand before the bits. */
+enum { GROUP_BLOCKS = 8, GROUPS_AHEAD = 3, RING = (GROUPS_AHEAD + 1) * GROUP_BLOCKS };
 
 typedef struct {
   entry_site site;
   uint64_t place, bit;
   bool exists;
+  bool is_key;
   bool follows; /* in the entry of the block before */
 } pending_block;
 
@@ -386,8 +445,9 @@ static void make_pending(const layer_state *layer, slf_block_address a, const pe
   if (!p->exists) return;
   p->place = (uint64_t)a.block_v * l->block_u_count + a.block_u;
   p->site = site_of_slice(layer, a.s, a.t, p->place);
-  p->follows = before && before->exists && before->site.stream == p->site.stream &&
-               before->site.entry == p->site.entry;
+  p->is_key = p->site.stream == &layer->streams[STREAM_KEYS];
+  p->follows = before && (before->exists & (before->site.stream == p->site.stream) &
+                          (before->site.entry == p->site.entry));
   if (!p->follows) stream_prefetch_directory(&p->site.stream->blocks, p->site.entry);
 }
 
@@ -402,16 +462,37 @@ static void find_pending(const pending_block *before, pending_block *p) {
   __builtin_prefetch(blocks->bytes + p->bit / 8 + 64);
 }
 
-static inline void look_ahead(const layer_state *layer, const slf_block_address *addresses,
-                              size_t count, size_t i, pending_block ring[RING]) {
-  size_t far = i + AHEAD_DIRECTORY, middle = i + AHEAD_SEGMENT, near = i + AHEAD_BITS;
-  if (far < count)
-    make_pending(layer, addresses[far], far ? &ring[(far - 1) % RING] : NULL, &ring[far % RING]);
-  const pending_block *p = &ring[middle % RING];
-  if (middle < count && p->exists && !p->follows)
-    stream_prefetch_segment(&p->site.stream->blocks, p->site.entry);
-  if (near < count && ring[near % RING].exists)
-    find_pending(&ring[(near - 1) % RING], &ring[near % RING]);
+static inline size_t count_left(size_t count, size_t first) {
+  size_t left = first < count ? count - first : 0;
+  return left < GROUP_BLOCKS ? left : GROUP_BLOCKS;
+}
+
+/* What is to be done for the groups after the one at `first`, each a step behind the next. */
+static void look_ahead(const layer_state *layer, const slf_block_address *addresses, size_t count,
+                       size_t first, pending_block ring[RING]) {
+  size_t far = first + GROUPS_AHEAD * GROUP_BLOCKS, middle = far - GROUP_BLOCKS;
+  size_t near = middle - GROUP_BLOCKS;
+  for (size_t i = far; i < far + count_left(count, far); i++)
+    make_pending(layer, addresses[i], i ? &ring[(i - 1) % RING] : NULL, &ring[i % RING]);
+  for (size_t i = middle; i < middle + count_left(count, middle); i++) {
+    const pending_block *p = &ring[i % RING];
+    if (p->exists && !p->follows) stream_prefetch_segment(&p->site.stream->blocks, p->site.entry);
+  }
+  for (size_t i = near; i < near + count_left(count, near); i++)
+    if (ring[i % RING].exists) find_pending(&ring[(i - 1) % RING], &ring[i % RING]);
+}
+
+static void decode_pending(decoder *d, const pending_block *p, uint32_t s, uint32_t t,
+                           uint8_t *u_block) {
+  entry_reader *r = &d->rest;
+  if (p->is_key) {
+    decode_key_slice(d, s, t, p->place, u_block, NULL);
+    return;
+  }
+  if (r->stream == NULL || r->entry != p->site.entry || r->next > p->site.number)
+    begin_at(r, &p->site, p->bit);
+  read_up_to(r, &p->site);
+  finish_block(d, &p->site, s, t, p->place, u_block, NULL);
 }
 
 static void decode_chained(const layer_state *layer, slf_block_address a, uint8_t *u_block) {
@@ -434,18 +515,18 @@ static void decode_batch(const layer_state *layer, const slf_block_address *addr
   }
   decoder d;
   pending_block ring[RING];
-  float channels[3][COEFFICIENTS];
   decoder_begin(&d, layer);
-  for (size_t before = AHEAD_DIRECTORY; before; before--)
-    look_ahead(layer, addresses, count, (size_t)0 - before, ring);
-  for (size_t i = 0; i < count; i++) {
-    look_ahead(layer, addresses, count, i, ring);
-    const pending_block *p = &ring[i % RING];
-    if (p->exists)
-      decode_at(&d, addresses[i].s, addresses[i].t, p->place, &p->site, p->bit, u_blocks[i],
-                channels);
-    else
-      memset(u_blocks[i], 0, SLF_BLOCK_NBYTES);
+  for (size_t ahead = GROUPS_AHEAD; ahead; ahead--)
+    look_ahead(layer, addresses, count, (size_t)0 - ahead * GROUP_BLOCKS, ring);
+  for (size_t first = 0; first < count; first += GROUP_BLOCKS) {
+    pending_block *group = &ring[first % RING];
+    look_ahead(layer, addresses, count, first, ring);
+    for (size_t i = 0; i < count_left(count, first); i++)
+      if (group[i].exists)
+        decode_pending(&d, &group[i], addresses[first + i].s, addresses[first + i].t,
+                       u_blocks[first + i]);
+      else
+        memset(u_blocks[first + i], 0, SLF_BLOCK_NBYTES);
   }
 }
 

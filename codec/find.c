@@ -47,23 +47,49 @@ static inline uint32_t select_in_word(uint64_t word, uint32_t rank) {
 
 /* Position of the one-bit number `rank` (from 0) in nbytes of bits, or 8 * nbytes. Loads of 8 bytes
  * may run over the end by as much: the stream's padding is there for it. */
-static uint32_t select_bit(const uint8_t *bytes, uint32_t nbytes, uint32_t rank) {
+static uint32_t select_by_loop(const uint8_t *bytes, uint32_t nbytes, uint32_t rank) {
   for (uint32_t at = 0; at < nbytes; at += 8) {
     uint64_t word = get_u64(bytes + at);
     uint32_t ones = (uint32_t)__builtin_popcountll(word);
-    if (rank < ones) return at * 8 + select_in_word(word, rank);
+    if (rank < ones) {
+      uint32_t bit = at * 8 + select_in_word(word, rank);
+      return bit < nbytes * 8 ? bit : nbytes * 8;
+    }
     rank -= ones;
   }
   return nbytes * 8;
 }
 
+/* The same without a branch that nobody foretells, where the bits are in the SELECT_WORDS words
+ * that an encoder's segments have at most. */
+enum { SELECT_WORDS = 6, SELECT_NBYTES = 8 * SELECT_WORDS };
+static inline uint32_t select_bit(const uint8_t *bytes, uint32_t nbytes, uint32_t rank,
+                                  const uint8_t *end) {
+  if (__builtin_expect(nbytes > SELECT_NBYTES || end - bytes < SELECT_NBYTES, 0))
+    return select_by_loop(bytes, nbytes, rank);
+  uint32_t before = 0, sum = 0, at = 0;
+#pragma GCC unroll 6
+  for (int i = 0; i < SELECT_WORDS - 1; i++) {
+    sum += (uint32_t)__builtin_popcountll(get_u64(bytes + 8 * i));
+    bool beyond = rank >= sum;
+    before = beyond ? sum : before;
+    at += 8 * beyond;
+  }
+  uint64_t word = get_u64(bytes + at);
+  rank -= before;
+  uint32_t bit = rank < (uint32_t)__builtin_popcountll(word) ? at * 8 + select_in_word(word, rank)
+                                                             : nbytes * 8;
+  return bit < nbytes * 8 ? bit : nbytes * 8;
+}
+
 /* Offset in bits of entry i of a segment from the segment's payload. */
-static uint64_t entry_offset(const block_stream *stream, const segment *s, uint32_t i) {
+static inline uint64_t entry_offset(const block_stream *stream, const segment *s, uint32_t i) {
   if (i == 0) return 0;
   const uint8_t *low = stream->bytes + s->begin + 2, *high = low + low_nbytes(s);
+  const uint8_t *end = stream->bytes + stream->nbytes;
   uint64_t low_at = (uint64_t)(i - 1) * s->low_bits;
   uint64_t low_value = get_u64(low + low_at / 8) >> (low_at % 8) & ((1ull << s->low_bits) - 1);
-  uint64_t high_value = select_bit(high, s->high_nbytes, i - 1) - (i - 1);
+  uint64_t high_value = select_bit(high, s->high_nbytes, i - 1, end) - (i - 1);
   return high_value << s->low_bits | low_value;
 }
 

@@ -54,9 +54,9 @@ void reader_begin(bit_reader *reader, const block_stream *blocks, uint64_t bit);
 bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t number, bool first,
                  entry_state *state);
 
-/* Passes over `count` of them: of state only intra_dc goes on. */
+/* Passes over `count` of them; the DC levels of the last INTRA block go on. */
 #define blocks_pass KERNEL(blocks_pass)
-bool blocks_pass(const block_tables *tables, bit_reader *reader, entry_state *state,
+bool blocks_pass(const block_tables *tables, bit_reader *reader, int16_t intra_dc[3],
                  uint32_t count);
 
 /* Whether the next C-Block is predicted from the one before it. */
@@ -78,11 +78,25 @@ void plain_inverse_dct(float block[COEFFICIENTS]);
 #define forward_dct KERNEL(forward_dct)
 void forward_dct(const float texels[COEFFICIENTS], float coefficients[COEFFICIENTS]);
 
+/* Differences (layer.h) of up to 2x2 places side by side, of which a shift shows 8x8 texels; and
+ * where those begin. */
+enum { WINDOW_ROW = 16, WINDOW_CHANNEL = 16 * WINDOW_ROW };
+typedef struct {
+  int16_t channels[3 * WINDOW_CHANNEL];
+  uint32_t begin;
+} shift_window;
+
 /* prediction (NULL: nothing; fine levels) + gain * the entry's levels, to channels, without the
- * level shift, row-major. */
+ * level shift, row-major; and on top what `shifted` shows, if it is not NULL. */
 #define levels_to_channels KERNEL(levels_to_channels)
 void levels_to_channels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
-                        const entry_state *state, uint32_t gain, float channels[3][COEFFICIENTS]);
+                        const entry_state *state, uint32_t gain, const shift_window *shifted,
+                        float channels[3][COEFFICIENTS]);
+
+/* Fine levels to channels in fixed point, a difference. */
+#define levels_to_difference KERNEL(levels_to_difference)
+void levels_to_difference(const layer_state *layer, const int16_t fine[3][COEFFICIENTS],
+                          int16_t difference[3][COEFFICIENTS]);
 
 /* Channels to R G B X, 8 bits. */
 #define channels_to_codes KERNEL(channels_to_codes)
@@ -91,7 +105,8 @@ void channels_to_codes(const layer_state *layer, float channels[3][COEFFICIENTS]
 /* Both, without a stop between. */
 #define levels_to_codes KERNEL(levels_to_codes)
 void levels_to_codes(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
-                     const entry_state *state, uint32_t gain, uint8_t *u_block);
+                     const entry_state *state, uint32_t gain, const shift_window *shifted,
+                     uint8_t *u_block);
 
 /* ---- The table ----------------------------------------------------------------------------- */
 

@@ -102,7 +102,9 @@ void layer_make_scales(layer_state *layer) {
 }
 
 void layer_set_curve(layer_state *layer) {
-  layer->level_shift = layer->public.curve == SLF_CURVE_DWA ? DWA_CODES / 2 : 128;
+  bool dwa = layer->public.curve == SLF_CURVE_DWA;
+  layer->level_shift = dwa ? DWA_CODES / 2 : 128;
+  layer->difference_one = dwa ? DIFFERENCE_ONE_DWA : DIFFERENCE_ONE;
 }
 
 /* ITU-T T.871: Y, Cb, Cr. */
@@ -171,7 +173,9 @@ slf_result layer_make_base(layer_state *layer, const char *name, slf_error *erro
 
 slf_result layer_make_keys(layer_state *layer, const char *name, slf_error *error) {
   uint64_t count = layer_place_count(layer) * layer->streams[STREAM_KEYS].unit_count;
-  return count <= MAX_STORED_KEYS ? make_store(&layer->keys, count, name, error) : SLF_OK;
+  if (count > MAX_STORED_KEYS) return SLF_OK;
+  slf_result result = make_store(&layer->keys, count, name, error);
+  return result ? result : make_store(&layer->differences, count, name, error);
 }
 
 static void free_store(block_store *store) {
@@ -188,6 +192,7 @@ void layer_free(layer_state *layer) {
   free(layer->group_keys);
   free_store(&layer->base);
   free_store(&layer->keys);
+  free_store(&layer->differences);
   for (int kind = 0; kind < STREAM_COUNT; kind++) free(layer->streams[kind].tables);
 }
 

@@ -18,8 +18,12 @@ enum {
   QUAD_SLICES = 4,
   MOTION_CHAIN = 8, /* every eighth slice along S is a key of the motion scheme */
   MAX_SHIFT = 7,
-  MAX_STORED_KEYS = 1 << 18 /* of a layer: 96 MiB, touched as they are asked for */
+  MAX_STORED_KEYS = 1 << 18 /* of a layer: twice 96 MiB, touched as they are asked for */
 };
+
+/* Differences of channels, key - base, in fixed point: 64 steps to a code, of DWA's 4096 codes 4.
+ */
+enum { DIFFERENCE_ONE = 64, DIFFERENCE_ONE_DWA = 4 };
 
 /* A layer's C-Blocks are in up to three streams, each useful with those before it. A stream's
  * blocks belong to units: the base is one unit, the keys one for each group of 4x4 directions, the
@@ -49,7 +53,7 @@ static inline unsigned quad_place(uint32_t s, uint32_t t) {
   return (t & 1) ? 3 - (s & 1) : (s & 1);
 }
 
-/* Fine levels of blocks, decoded when first asked for: 0 absent, 1 being written, 2 there. */
+/* Blocks of 16-bit numbers, made when first asked for: 0 absent, 1 being written, 2 there. */
 typedef struct {
   int16_t (*blocks)[3][COEFFICIENTS]; /* NULL: there is no store */
   _Atomic uint8_t *states;
@@ -85,9 +89,10 @@ typedef struct {
   uint32_t *group_ranks; /* [t][s]: units before */
   uint32_t *group_keys; /* [t][s]: t << 16 | s of the key slice, NO_KEY if the group has no slice */
   layer_stream streams[STREAM_COUNT];
-  /* What many blocks lean on stays decoded: the base, and as far as there is room the keys, by unit
-   * and place. */
-  block_store base, keys;
+  float difference_one; /* steps of a difference in a code */
+  /* What many blocks lean on stays decoded: the base, and as far as there is room, by unit and
+   * place, the keys, and their differences from the base as channels in fixed point, row-major. */
+  block_store base, keys, differences;
 } layer_state;
 
 #define NO_KEY UINT32_MAX
@@ -113,7 +118,7 @@ static inline bool layer_has(const layer_state *layer, stream_kind kind) {
 /* Fills what follows from public's dimensions and angular: block counts, slices, units. */
 slf_result layer_make_units(layer_state *layer, const char *name, slf_error *error);
 void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2, uint32_t parts_log2);
-void layer_set_curve(layer_state *layer); /* level_shift, from public's curve */
+void layer_set_curve(layer_state *layer); /* level_shift, difference_one, from public's curve */
 void layer_set_jfif_colours(layer_state *layer);
 void layer_set_own_colours(layer_state *layer, const int16_t to_rgb[3][3]); /* in COLOUR_ONEs */
 slf_result layer_make_linear(layer_state *layer, const char *name, slf_error *error);

@@ -35,6 +35,12 @@ static inline uint32_t take(bit_reader *r, unsigned count) {
   return value;
 }
 
+/* JPEG's magnitude bits, `size` of them. No branch: which sign it is nobody foretells. */
+static inline int32_t take_level(bit_reader *r, unsigned size) {
+  int32_t most = (int32_t)((1u << size) - 1), negative = (int32_t)((int64_t)~r->bits >> 63);
+  return (int32_t)take(r, size) - (negative & most);
+}
+
 void reader_begin(bit_reader *r, const block_stream *blocks, uint64_t bit) {
   uint64_t end = blocks->nbytes - STREAM_PAD_NBYTES;
   /* At most 8 bytes of what was loaded are still to be read: good blocks never meet this bound. */
@@ -65,17 +71,20 @@ static __attribute__((noinline)) bool parse_long_dc(const huffman_decoder *decod
   refill(r);
   unsigned bits, size = read_symbol(decoder, 1, r, &bits);
   if (bits == 0 || size > 15) return false;
-  *level = extend(take(r, size), size);
+  *level = take_level(r, size);
   refill(r);
   return true;
 }
 
-static inline __attribute__((always_inline)) bool parse_dc(const block_tables *tables, int code,
-                                                           bit_reader *r, int32_t *level) {
-  uint32_t entry = tables->dc[code - CODE_DC][r->bits >> (64 - FAST_DC_BITS)];
-  if (__builtin_expect(fast_taken(entry) != 0, 1)) {
-    consume(r, fast_taken(entry));
-    *level = (int32_t)entry >> 16;
+/* Nothing where it is not present, by a table of its own: which channels have levels nobody
+ * foretells. */
+static inline __attribute__((always_inline)) bool
+parse_dc(const block_tables *tables, int code, bool present, bit_reader *r, int32_t *level) {
+  const uint8_t *table = tables->dc[NO_DC + (code - CODE_DC - NO_DC) * present];
+  unsigned entry = table[r->bits >> (64 - FAST_DC_BITS)];
+  if (__builtin_expect(entry != LONG_DC, 1)) {
+    consume(r, entry & 15);
+    *level = take_level(r, entry >> 4);
     return true;
   }
   bit_reader copy = *r;
@@ -105,7 +114,7 @@ static __attribute__((noinline)) bool parse_long(const huffman_decoder *decoder,
     *k += 16;
   } else if (size) {
     *k += (symbol >> 4) + 1;
-    level = extend(take(r, size), size);
+    level = take_level(r, size);
   } else {
     return false;
   }
@@ -116,34 +125,39 @@ static __attribute__((noinline)) bool parse_long(const huffman_decoder *decoder,
 /* A channel's AC levels, added to what is there. */
 static inline __attribute__((always_inline)) bool parse_ac(const block_tables *tables, int code,
                                                            bit_reader *r, int16_t *levels) {
-  const uint32_t *table = tables->ac[code - CODE_AC];
+  const uint32_t *table = tables->ac[code - CODE_AC], *later = tables->ac[(code | 1) - CODE_AC];
   unsigned k = 0;
-  for (;;) {
-    if (__builtin_expect(r->count < FAST_BITS, 0)) refill(r);
-    uint32_t entry = table[r->bits >> (64 - FAST_BITS)];
-    if (fast_taken(entry)) {
+  for (;; table = later) {
+    uint32_t entry = 0;
+    refill(r);
+#pragma GCC unroll 5
+    for (int i = 0; i < FAST_READS; i++, table = later) {
+      entry = table[r->bits >> (64 - FAST_BITS)];
+      if (__builtin_expect(fast_taken(entry) == 0, 0)) break;
       consume(r, fast_taken(entry));
       k += fast_step(entry);
       add_level(&levels[slf_zigzag[k]], fast_level(entry));
       k += fast_second_step(entry);
       add_level(&levels[slf_zigzag[k]], fast_second_level(entry));
       if (entry & FAST_END) return true;
-    } else if (__builtin_expect(large_code_bits(entry) != 0, 1)) {
+      if (__builtin_expect(k >= COEFFICIENTS, 0)) return false;
+    }
+    if (fast_taken(entry)) continue;
+    if (__builtin_expect(large_code_bits(entry) != 0, 1)) {
       if (r->count < FAST_BITS + 15) refill(r);
       consume(r, large_code_bits(entry));
       k += fast_step(entry);
-      add_level(&levels[slf_zigzag[k]], extend(take(r, large_size(entry)), large_size(entry)));
+      add_level(&levels[slf_zigzag[k]], take_level(r, large_size(entry)));
     } else {
       bit_reader copy = *r;
       unsigned at = k;
-      bool end, good = parse_long(&tables->decoders[code], &copy, &at, levels, &end);
+      int long_code = table == later ? code | 1 : code;
+      bool end, good = parse_long(&tables->decoders[long_code], &copy, &at, levels, &end);
       *r = copy;
       k = at;
       if (!good || end) return good;
     }
     if (__builtin_expect(k >= COEFFICIENTS, 0)) return false;
-    code |= 1;
-    table = tables->ac[code - CODE_AC];
   }
 }
 
@@ -157,27 +171,6 @@ static __attribute__((noinline)) bool pass_long(const block_tables *tables, unsi
   consume(r, size);
   *state = symbol == SYMBOL_END ? pass_next_channel(*state) : *state | 1;
   return bits != 0 && (size != 0 || symbol == SYMBOL_END || symbol == SYMBOL_RUN_16);
-}
-
-/* Passes over AC levels from `state` on: in three channels at most 64 symbols each. */
-static inline __attribute__((always_inline)) bool pass_ac(const block_tables *tables,
-                                                          unsigned state, bit_reader *r) {
-  for (unsigned left = 3 * COEFFICIENTS; state != PASS_END; left--) {
-    if (__builtin_expect(left == 0, 0)) return false;
-    if (__builtin_expect(r->count < PASS_MAX_TAKEN, 0)) refill(r);
-    unsigned entry = tables->pass[state][r->bits >> (64 - PASS_BITS)];
-    if (__builtin_expect((entry & 31) != 0, 1)) {
-      consume(r, entry & 31);
-      state = entry >> 5;
-      continue;
-    }
-    bit_reader copy = *r;
-    unsigned next = state;
-    if (!pass_long(tables, &next, &copy)) return false;
-    state = next;
-    *r = copy;
-  }
-  return true;
 }
 
 static inline __attribute__((always_inline)) bool parse_head(const block_tables *tables,
@@ -211,17 +204,16 @@ static inline bool parse_shifts(const block_tables *tables, bit_reader *r, int *
   return good;
 }
 
-/* The DC levels, short codes as a rule: a head's 16 bits and three of them need no refill. Of INTRA
- * blocks they go on from the last one's. */
+/* The DC levels; of INTRA blocks they go on from the last one's. */
 static inline __attribute__((always_inline)) bool parse_dcs(const block_tables *tables,
                                                             int residual, unsigned head,
                                                             bit_reader *r, int16_t intra_dc[3],
                                                             int32_t dc[3]) {
 #pragma GCC unroll 3
   for (int channel = 0; channel < 3; channel++) {
-    dc[channel] = 0;
-    if (residual && !(head >> channel & 1)) continue;
-    if (!parse_dc(tables, dc_code(residual, channel > 0), r, &dc[channel])) return false;
+    if (channel > 0) refill(r);
+    bool present = !residual || (head >> channel & 1);
+    if (!parse_dc(tables, dc_code(residual, channel > 0), present, r, &dc[channel])) return false;
     if (residual) continue;
     add_level(&intra_dc[channel], dc[channel]);
     dc[channel] = intra_dc[channel];
@@ -234,10 +226,11 @@ static inline __attribute__((always_inline)) bool parse_levels(const block_table
                                                                bit_reader *r, entry_state *state) {
   int32_t dc[3];
   if (!parse_dcs(tables, residual, head, r, state->intra_dc, dc)) return false;
-  for (int channel = 0; channel < 3; channel++) {
-    add_level(&state->levels[channel][0], dc[channel]);
-    int code = ac_code(residual, channel > 0, 0);
-    if (head >> channel & 1 && !parse_ac(tables, code, r, state->levels[channel])) return false;
+#pragma GCC unroll 3
+  for (int channel = 0; channel < 3; channel++) add_level(&state->levels[channel][0], dc[channel]);
+  for (unsigned left = head & 7; left; left &= left - 1) {
+    int channel = __builtin_ctz(left), code = ac_code(residual, channel > 0, 0);
+    if (!parse_ac(tables, code, r, state->levels[channel])) return false;
   }
   return true;
 }
@@ -283,38 +276,60 @@ bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t number
   return good;
 }
 
-static inline __attribute__((always_inline)) bool pass_levels(const block_tables *tables,
-                                                              int residual, unsigned head,
-                                                              bit_reader *r, int16_t intra_dc[3]) {
+/* ---- Passing over -------------------------------------------------------------------------- */
+
+/* The next block up to its AC levels, which *state says; or some that are heads and no more. */
+static inline bool pass_head(const block_tables *tables, bit_reader *r, int16_t intra_dc[3],
+                             uint32_t *count, unsigned *state) {
+  unsigned bare = tables->bare_heads[r->bits >> (64 - PASS_BITS)], head;
+  int shift_u, shift_v;
   int32_t dc[3];
-  return parse_dcs(tables, residual, head, r, intra_dc, dc) &&
-         pass_ac(tables, pass_state(residual, head & 7), r);
+  if (bare && bare >> 4 <= *count && r->count >= PASS_BITS) {
+    consume(r, bare & 15);
+    *count -= bare >> 4;
+    *state = PASS_END;
+    return true;
+  }
+  *count -= 1;
+  if (!parse_head(tables, r, &head)) return false;
+  if (head >> 3 == PREDICT_SHIFT && !parse_shifts(tables, r, &shift_u, &shift_v)) return false;
+  bool residual = head >> 3 != PREDICT_INTRA;
+  *state = pass_state(residual, head & 7);
+  return residual ? parse_dcs(tables, 1, head, r, intra_dc, dc)
+                  : parse_dcs(tables, 0, head, r, intra_dc, dc);
 }
 
-bool blocks_pass(const block_tables *tables, bit_reader *reader, entry_state *state,
+/* What PASS_BITS show, or one symbol. */
+static inline __attribute__((always_inline)) bool pass_step(const block_tables *tables,
+                                                            unsigned *state, bit_reader *r) {
+  if (__builtin_expect(r->count < PASS_MAX_TAKEN, 0)) refill(r);
+  unsigned entry = tables->pass[*state][r->bits >> (64 - PASS_BITS)];
+  if (__builtin_expect(entry != 0, 1)) {
+    consume(r, entry & 31);
+    *state = entry >> 5;
+    return true;
+  }
+  bit_reader copy = *r;
+  unsigned next = *state;
+  bool good = pass_long(tables, &next, &copy);
+  *state = next;
+  *r = copy;
+  return good;
+}
+
+/* AC levels in three channels are at most so many symbols. */
+enum { PASS_MOST_STEPS = 3 * COEFFICIENTS };
+
+bool blocks_pass(const block_tables *tables, bit_reader *reader, int16_t intra_dc[3],
                  uint32_t count) {
   bit_reader r = reader_copy(reader);
-  int16_t intra_dc[3] = {state->intra_dc[0], state->intra_dc[1], state->intra_dc[2]};
   bool good = true;
   while (count && good) {
-    unsigned bare = tables->bare_heads[r.bits >> (64 - PASS_BITS)];
-    if (bare && bare >> 4 <= count && r.count >= PASS_BITS) {
-      consume(&r, bare & 15);
-      count -= bare >> 4;
-      continue;
-    }
-    unsigned head;
-    int shift_u, shift_v;
-    good = parse_head(tables, &r, &head);
-    if (good && head >> 3 == PREDICT_SHIFT) good = parse_shifts(tables, &r, &shift_u, &shift_v);
-    if (head >> 3 == PREDICT_INTRA)
-      good = good && pass_levels(tables, 0, head, &r, intra_dc);
-    else
-      good = good && pass_levels(tables, 1, head, &r, intra_dc);
-    count--;
+    unsigned state = PASS_END, left = PASS_MOST_STEPS;
+    good = pass_head(tables, &r, intra_dc, &count, &state);
+    while (good && state != PASS_END) good = left-- && pass_step(tables, &state, &r);
   }
   reader_update(reader, &r);
-  memcpy(state->intra_dc, intra_dc, sizeof intra_dc);
   return good;
 }
 

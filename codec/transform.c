@@ -160,7 +160,7 @@ static inline __attribute__((always_inline)) void flat_texels(int16_t level, uin
 
 static inline __attribute__((always_inline)) void
 make_texels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
-            const entry_state *state, uint32_t gain, lanes b[3][8]) {
+            const entry_state *state, uint32_t gain, const shift_window *shifted, lanes b[3][8]) {
 #pragma GCC unroll 3
   for (int c = 0; c < 3; c++) {
     if (prediction)
@@ -169,6 +169,36 @@ make_texels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
       channel_texels(NULL, state->levels[c], (uint16_t)gain, layer->scales[c], b[c]);
     else
       flat_texels(state->levels[c][0], (uint16_t)gain, layer->scales[c], b[c]);
+    if (!shifted) continue;
+    const int16_t *more = shifted->channels + c * WINDOW_CHANNEL + shifted->begin;
+#pragma GCC unroll 8
+    for (int y = 0; y < 8; y++)
+      b[c][y] += to_lanes((short_lanes) * (const words_at *)(more + y * WINDOW_ROW)) *
+                 splat(1 / layer->difference_one);
+  }
+}
+
+static inline __attribute__((always_inline)) lanes choose(int_lanes mask, lanes yes, lanes no) {
+  return (lanes)((mask & (int_lanes)yes) | (~mask & (int_lanes)no));
+}
+
+/* Rounded half up, within 16 bits: 32768 more, and what is left is to cut off. */
+static inline __attribute__((always_inline)) void put_difference(lanes x, int16_t *to) {
+  lanes low = splat(0.5f), high = splat(65535);
+  x += splat(32768.5f);
+  x = choose(x > low, x, low);
+  x = choose(x < high, x, high);
+  int_lanes steps = __builtin_convertvector(x, int_lanes) - 32768;
+  *(words_at *)to = (words_at) __builtin_convertvector(steps, short_lanes);
+}
+
+void levels_to_difference(const layer_state *layer, const int16_t fine[3][COEFFICIENTS],
+                          int16_t difference[3][COEFFICIENTS]) {
+  for (int c = 0; c < 3; c++) {
+    lanes b[8];
+    channel_texels(NULL, fine[c], 1, layer->scales[c], b);
+    for (int y = 0; y < 8; y++)
+      put_difference(b[y] * splat(layer->difference_one), difference[c] + 8 * y);
   }
 }
 
@@ -196,25 +226,37 @@ static inline __attribute__((always_inline)) void pack_codes(lanes red, lanes gr
 #endif
 }
 
-/* The layer's colours, and the level shift of 128. */
+/* The layer's colours, and the level shift of 128. JFIF's ones and zeros are left out: the sums are
+ * the same. */
 static inline __attribute__((always_inline)) void put_codes(const layer_state *layer, lanes b[3][8],
                                                             uint8_t *u_block) {
   const float(*m)[3] = layer->to_rgb;
+  if (layer->own_colours) {
+#pragma GCC unroll 8
+    for (int y = 0; y < 8; y++) {
+      lanes rgb[3];
+#pragma GCC unroll 3
+      for (int k = 0; k < 3; k++)
+        rgb[k] = splat(m[k][0]) * b[0][y] + splat(m[k][1]) * b[1][y] + splat(m[k][2]) * b[2][y] +
+                 splat(128.5f);
+      pack_codes(rgb[0], rgb[1], rgb[2], u_block + 32 * y);
+    }
+    return;
+  }
 #pragma GCC unroll 8
   for (int y = 0; y < 8; y++) {
-    lanes rgb[3];
-#pragma GCC unroll 3
-    for (int k = 0; k < 3; k++)
-      rgb[k] = splat(m[k][0]) * b[0][y] + splat(m[k][1]) * b[1][y] + splat(m[k][2]) * b[2][y] +
-               splat(128.5f);
-    pack_codes(rgb[0], rgb[1], rgb[2], u_block + 32 * y);
+    lanes luma = b[0][y], cb = b[1][y], cr = b[2][y];
+    lanes green = luma + splat(m[1][1]) * cb + splat(m[1][2]) * cr;
+    pack_codes(luma + splat(m[0][2]) * cr + splat(128.5f), green + splat(128.5f),
+               luma + splat(m[2][1]) * cb + splat(128.5f), u_block + 32 * y);
   }
 }
 
 void levels_to_channels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
-                        const entry_state *state, uint32_t gain, float channels[3][COEFFICIENTS]) {
+                        const entry_state *state, uint32_t gain, const shift_window *shifted,
+                        float channels[3][COEFFICIENTS]) {
   lanes b[3][8];
-  make_texels(layer, prediction, state, gain, b);
+  make_texels(layer, prediction, state, gain, shifted, b);
   for (int c = 0; c < 3; c++) store(b[c], channels[c]);
 }
 
@@ -226,8 +268,9 @@ void channels_to_codes(const layer_state *layer, float channels[3][COEFFICIENTS]
 }
 
 void levels_to_codes(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
-                     const entry_state *state, uint32_t gain, uint8_t *u_block) {
+                     const entry_state *state, uint32_t gain, const shift_window *shifted,
+                     uint8_t *u_block) {
   lanes b[3][8];
-  make_texels(layer, prediction, state, gain, b);
+  make_texels(layer, prediction, state, gain, shifted, b);
   put_codes(layer, b, u_block);
 }
