@@ -15,6 +15,8 @@
 #endif
 /* Weights are parts of this. */
 enum { WHOLE = 32767 };
+/* Of the tolerance: a guess this near is not looked at again. */
+#define MOVED_SHARE 0.5f
 #define INLINE static inline __attribute__((always_inline))
 
 typedef float f8 __attribute__((vector_size(32)));
@@ -151,28 +153,23 @@ INLINE f8 magnitude(f8 x) {
 
 /* What a slice shows at a place. */
 typedef struct {
-  i8 texel; /* where the four texels around begin, in the pages' bytes */
+  i8 texel; /* where the four texels around begin, in the slice's bytes */
   f8 fx, fy;
   f8 seen; /* code of the height */
   i8 inside;
 } reading;
 
-static __attribute__((noinline)) i8 load_pages(const depth_cell *cell, int k, i8 place, i8 page) {
-  const uint32_t columns = cell->pages->block_u_count;
-  for (int l = 0; l < LANES; l++)
-    if (page[l] < 0) {
-      uint32_t block = (uint32_t)place[l];
-      /* The lane before may have brought it. */
-      page[l] = cell->tables[k][block];
-      if (page[l] < 0)
-        page[l] =
-            depth_pages_load(cell->pages, cell->s[k], cell->t[k], block % columns, block / columns);
-    }
-  return page;
+static __attribute__((noinline)) void load_pages(const depth_cell *cell, int k, i8 block) {
+  for (int l = 0; l < LANES; l++) {
+    const uint32_t at = (uint32_t)block[l];
+    /* The lane before may have brought it. */
+    if (!(cell->slices[k]->there[at / 32] >> at % 32 & 1))
+      depth_pages_load(cell->pages, cell->slices[k], at);
+  }
 }
 
-/* Slice k at texel (x, y) of the light. */
-INLINE reading look(const depth_cell *cell, int k, f8 x, f8 y) {
+/* Where slice k shows texel (x, y) of the light. */
+INLINE reading find(const depth_cell *cell, int k, f8 x, f8 y) {
   const depth_pages *p = cell->pages;
   reading r;
   if (p->wrap_u) {
@@ -185,13 +182,20 @@ INLINE reading look(const depth_cell *cell, int k, f8 x, f8 y) {
   r.inside = larger(magnitude(x - free_x), magnitude(y - free_y)) <= all(1);
   i8 i = to_int(x), j = to_int(y);
   r.fx = x - to_float(i), r.fy = y - to_float(j);
-  i8 place = (j >> 3) * (int32_t)p->block_u_count + (i >> 3);
-  i8 page = gather(cell->tables[k], place << 2);
-  if (__builtin_expect(mask_bits(page < 0) != 0, 0)) page = load_pages(cell, k, place, page);
-  r.texel = page + (j & 7) * PAGE_ROW_NBYTES + ((i & 7) << 2);
+  i8 block = (j >> 3) * (int32_t)p->block_u_count + (i >> 3);
+  i8 there = gather(cell->slices[k]->there, (block >> 5) << 2) << (31 - (block & 31));
+  if (__builtin_expect(mask_bits(there >= 0) != 0, 0)) load_pages(cell, k, block);
+  r.texel = block * PAGE_NBYTES + (j & 7) * PAGE_ROW_NBYTES + ((i & 7) << 2);
+  return r;
+}
+
+/* Slice k at texel (x, y) of the light. */
+INLINE reading look(const depth_cell *cell, int k, f8 x, f8 y) {
+  reading r = find(cell, k, x, y);
   i8 a, b, c, d;
-  gather_codes(p->bytes, r.texel, &a, &b);
-  gather_codes(p->bytes + PAGE_ROW_NBYTES, r.texel, &c, &d);
+  const uint8_t *bytes = cell->slices[k]->bytes;
+  gather_codes(bytes, r.texel, &a, &b);
+  gather_codes(bytes + PAGE_ROW_NBYTES, r.texel, &c, &d);
   i8 range = higher(higher(a, b), higher(c, d)) - lower(lower(a, b), lower(c, d));
   f8 fa = to_float(a), fb = to_float(b), fc = to_float(c), fd = to_float(d);
   f8 top = fa + r.fx * (fb - fa), bottom = fc + r.fx * (fd - fc),
@@ -235,6 +239,16 @@ static void place(const depth_geometry *geometry, uint32_t block_u, uint32_t blo
     memcpy(rays->cell + row, &cell, sizeof cell);
     store(rays->code + row, all(-1));
   }
+}
+
+static uint64_t find_cell(const depth_rays *rays, int32_t cell) {
+  uint64_t found = 0;
+  for (int row = 0; row < 64; row += LANES) {
+    i8 cells;
+    memcpy(&cells, rays->cell + row, sizeof cells);
+    found |= (uint64_t)mask_bits(cells == cell) << row;
+  }
+  return found;
 }
 
 /* Eight rays of a cell. */
@@ -389,22 +403,24 @@ INLINE __m256i weigh(const uint8_t *texels, int32_t upper, int32_t lower_two) {
 }
 
 /* One lane of mix's arrays, LANES numbers a slice. */
-INLINE void mix_lane(const uint8_t *bytes, const int32_t *texel, const int32_t *upper,
+INLINE void mix_lane(const depth_cell *cell, const int32_t *texel, const int32_t *upper,
                      const int32_t *lower_two, float rgba[4]) {
   __m256i sum = _mm256_setzero_si256();
-  for (int k = 0; k < 4 * LANES; k += LANES)
-    sum = _mm256_add_epi32(sum, weigh(bytes + texel[k], upper[k], lower_two[k]));
+  for (int k = 0; k < 4; k++)
+    sum = _mm256_add_epi32(sum, weigh(cell->slices[k]->bytes + texel[LANES * k], upper[LANES * k],
+                                      lower_two[LANES * k]));
   __m128i rows = _mm_add_epi32(_mm256_castsi256_si128(sum), _mm256_extracti128_si256(sum, 1));
   __m128 light = _mm_mul_ps(_mm_cvtepi32_ps(rows), _mm_set1_ps(2.0f / PAGE_WHITE / WHOLE));
   _mm_storeu_ps(rgba, _mm_blend_ps(light, _mm_set1_ps(1), 8));
 }
 #else
-INLINE void mix_lane(const uint8_t *bytes, const int32_t *texel, const int32_t *upper,
+INLINE void mix_lane(const depth_cell *cell, const int32_t *texel, const int32_t *upper,
                      const int32_t *lower_two, float rgba[4]) {
   int32_t sum[3] = {0, 0, 0};
   for (int k = 0; k < 4 * LANES; k += LANES)
     for (int row = 0; row < 2; row++) {
-      const uint8_t *left = bytes + texel[k] + row * PAGE_ROW_NBYTES, *right = left + 4;
+      const uint8_t *left = cell->slices[k / LANES]->bytes + texel[k] + row * PAGE_ROW_NBYTES,
+                    *right = left + 4;
       int32_t weights = row ? lower_two[k] : upper[k];
       int32_t w_left = weights & 0xffff, w_right = weights >> 16;
       for (int c = 0; c < 3; c++)
@@ -434,7 +450,20 @@ INLINE void mix(const depth_cell *cell, const verdict *v, const uint8_t *of, uns
   }
   for (int l = 0; l < LANES; l++)
     if (mask >> l & 1)
-      mix_lane(cell->pages->bytes, texel[0] + l, upper[0] + l, lower_two[0] + l, rays->rgba[of[l]]);
+      mix_lane(cell, texel[0] + l, upper[0] + l, lower_two[0] + l, rays->rgba[of[l]]);
+}
+
+/* Mixes the lanes of the mask; returns which. */
+static unsigned write(const depth_cell *cell, depth_rays *rays, const depth_guess *guess,
+                      const verdict *v, unsigned mask) {
+  float codes[LANES], scores[LANES];
+  store(codes, v->code), store(scores, v->score);
+  mask &= (1u << guess->count) - 1;
+  for (int l = 0; l < guess->count; l++)
+    if (mask >> l & 1)
+      rays->code[guess->texels[l]] = codes[l], rays->score[guess->texels[l]] = scores[l];
+  if (mask) mix(cell, v, guess->texels, mask, rays);
+  return mask;
 }
 
 /* ---- Finding heights ---------------------------------------------------------------------------
@@ -455,31 +484,264 @@ static f8 meet(const depth_cell *cell, const bundle *b, int k, f8 guess) {
   return choose(settled, guess, code);
 }
 
-static unsigned mix_bundle(const depth_cell *cell, depth_rays *rays, const uint8_t *texels,
-                           int count, const float *guesses, const float *wanted) {
+static unsigned mix_bundle(const depth_cell *cell, depth_rays *rays, const depth_guess *guess_of) {
+  const f8 guess = load(guess_of->codes), wanted = load(guess_of->wanted);
   bundle b;
   verdict v;
-  make_bundle(cell, rays, texels, count, &b);
+  make_bundle(cell, rays, guess_of->texels, guess_of->count, &b);
   /* The heaviest slice looks most nearly along the ray. */
   int first = 0;
   for (int k = 1; k < 4; k++)
     if (b.weight[k][0] + b.weight[k][7] > b.weight[first][0] + b.weight[first][7]) first = k;
-  f8 guess = load(guesses), code = meet(cell, &b, first, guess);
+  f8 code = meet(cell, &b, first, guess);
   /* It may see something else than the ray does. */
   code = choose(magnitude(code - guess) < 4.0f * tolerance(guess), code, guess);
   judge(cell, &b, &code, &v);
-  i8 good = v.score > load(wanted);
+  i8 good = v.score > wanted;
   if (mask_bits(~good & (code != guess))) {
     verdict unmoved;
     judge(cell, &b, &guess, &unmoved);
     i8 better = ~good & (unmoved.score > v.score);
     take(&v, &unmoved, &better);
-    good = v.score > load(wanted);
+    good = v.score > wanted;
   }
-  unsigned mask = mask_bits(good) & ((1u << count) - 1);
-  for (int l = 0; l < count; l++)
-    if (mask >> l & 1) rays->code[texels[l]] = v.code[l], rays->score[texels[l]] = v.score[l];
-  if (mask) mix(cell, &v, texels, mask, rays);
+  v.score = larger(v.score, wanted + SCORE_SLACK);
+  return write(cell, rays, guess_of, &v, mask_bits(good));
+}
+
+/* ---- Without a guess ---------------------------------------------------------------------------
+ */
+
+/* Where the ray and what slice k sees meet: along the ray the point at height h is seen at p + h d.
+ * As long as the slice sees something higher there, the point is in the open; where it sees
+ * something lower, the point is behind that. From the open to behind in a step without an edge is a
+ * hit. Codes, below 0 for none. */
+static f8 follow(const depth_cell *cell, const bundle *b, int k) {
+  f8 d = larger(larger(magnitude(b->dx[k]), magnitude(b->dy[k])), all(1e-3f));
+  f8 step = (float)STEP_TEXELS / d, h = all(0), met = all(-1), last_open = all(1),
+     last_code = all(0);
+  i8 going =
+      ((float)MAX_STEPS * step >= LEAST_REACH * cell->unit) & (b->weight[k] >= LEAST_WITNESS);
+  for (int i = 0; i < MAX_STEPS && mask_bits(going); i++) {
+    reading r = look(cell, k, b->x + h * b->dx[k], b->y + h * b->dy[k]);
+    f8 seen = height_of(cell, r.seen), open = seen - h;
+    i8 hit = (open <= all(0)) & (last_open > all(0)) &
+             (magnitude(r.seen - last_code) <= all(EDGE_CODES));
+    f8 at = h - step * open / (open - last_open);
+    if (i == 0) hit = open <= all(0), at = seen;
+    /* Slices that look almost along the ray see what it meets at once. */
+    i8 close = ~hit & (d * magnitude(open) < all(0.5f));
+    going &= r.inside;
+    met = choose(going & (hit | close), choose(hit, at, seen), met);
+    going &= ~(hit | close);
+    last_open = open, last_code = r.seen, h += step;
+  }
+  return choose(met < all(0), all(-1), 256.0f * met / (cell->unit + met));
+}
+
+/* On a curved surface slices see the same thing close to each other: from what the slice sees at
+ * the texel itself. */
+static f8 follow_curved(const depth_cell *cell, const bundle *b, int k) {
+  f8 code = all(0), met = all(-1), expected;
+  i8 going = b->weight[k] > all(0);
+  for (int i = 0; i <= CURVED_STEPS && mask_bits(going); i++) {
+    reading r = look_from(cell, b, k, code, &expected);
+    f8 off = r.seen - expected;
+    going &= r.inside;
+    i8 there = going & (magnitude(off) < 0.3f * tolerance(code));
+    if (i > 0) met = choose(there, code, met), going &= ~there;
+    going &= code + off >= all(0);
+    code = smaller(larger(code + off, all(0)), all(255));
+  }
+  return met;
+}
+
+/* The lowest height that the slices see a thing at, by a share of what the best is judged, which is
+ * the score. What is behind a thing may be in sight of all slices around, past it on every side. */
+static unsigned seek(const depth_cell *cell, depth_rays *rays, const depth_guess *guess) {
+  bundle b;
+  verdict v[4], lowest;
+  f8 best = all(0);
+  make_bundle(cell, rays, guess->texels, guess->count, &b);
+  for (int k = 0; k < 4; k++) {
+    f8 code = cell->frames ? follow_curved(cell, &b, k) : follow(cell, &b, k);
+    i8 none = code < all(0);
+    code = larger(code, all(0));
+    judge(cell, &b, &code, &v[k]);
+    v[k].score = choose(none, all(-1), v[k].score);
+    best = larger(best, v[k].score);
+  }
+  lowest = v[0];
+  lowest.code = all(256);
+  for (int k = 0; k < 4; k++) {
+    i8 lower = (v[k].score >= LOWER_SHARE * best) & (v[k].code < lowest.code);
+    take(&lowest, &v[k], &lower);
+  }
+  lowest.score = best;
+  i8 good = (best >= load(guess->wanted)) & (lowest.agreed > all(1e-5f));
+  return write(cell, rays, guess, &lowest, mask_bits(good));
+}
+
+/* ---- Where heights go on as they were ----------------------------------------------------------
+ */
+
+#if defined(__AVX2__)
+/* As weigh, and the height's code as it is, times 64. */
+INLINE __m256i weigh_all(const uint8_t *texels, int32_t upper, int32_t lower_two) {
+  const __m128i pairs = _mm_setr_epi8(0, 4, 1, 5, 2, 6, 3, 7, 8, 12, 9, 13, 10, 14, 11, 15);
+  __m128 top = _mm_castsi128_ps(_mm_loadl_epi64((const __m128i *)(const void *)texels));
+  __m128i quad =
+      _mm_castps_si128(_mm_loadh_pi(top, (const __m64 *)(const void *)(texels + PAGE_ROW_NBYTES)));
+  __m256i both = _mm256_cvtepu8_epi16(_mm_shuffle_epi8(quad, pairs));
+  __m256i weights =
+      _mm256_blend_epi32(_mm256_set1_epi32(upper), _mm256_set1_epi32(lower_two), 0xf0);
+  __m256i factors = _mm256_blend_epi16(both, _mm256_set1_epi16(128), 0xc0);
+  return _mm256_madd_epi16(_mm256_srli_epi16(_mm256_mullo_epi16(both, factors), 1), weights);
+}
+
+/* Sums over the four texels of each lane, R G B H. */
+INLINE void weigh_lanes(const uint8_t *bytes, const int32_t *texel, const int32_t *upper,
+                        const int32_t *lower_two, i8 sums[4]) {
+  __m256i of[4];
+  for (int l = 0; l < 4; l++) {
+    __m256i a = weigh_all(bytes + texel[l], upper[l], lower_two[l]);
+    __m256i b = weigh_all(bytes + texel[l + 4], upper[l + 4], lower_two[l + 4]);
+    of[l] = _mm256_add_epi32(_mm256_permute2x128_si256(a, b, 0x20),
+                             _mm256_permute2x128_si256(a, b, 0x31));
+  }
+  __m256i rg_01 = _mm256_unpacklo_epi32(of[0], of[1]), rg_23 = _mm256_unpacklo_epi32(of[2], of[3]);
+  __m256i bh_01 = _mm256_unpackhi_epi32(of[0], of[1]), bh_23 = _mm256_unpackhi_epi32(of[2], of[3]);
+  sums[0] = (i8)_mm256_unpacklo_epi64(rg_01, rg_23),
+  sums[1] = (i8)_mm256_unpackhi_epi64(rg_01, rg_23);
+  sums[2] = (i8)_mm256_unpacklo_epi64(bh_01, bh_23),
+  sums[3] = (i8)_mm256_unpackhi_epi64(bh_01, bh_23);
+}
+
+/* R G B and 1 side by side, of each lane. */
+INLINE void spread(f8 r, f8 g, f8 b, float rgba[LANES][4]) {
+  __m256 rb_low = _mm256_unpacklo_ps(r, b), rb_high = _mm256_unpackhi_ps(r, b);
+  __m256 ga_low = _mm256_unpacklo_ps(g, all(1)), ga_high = _mm256_unpackhi_ps(g, all(1));
+  __m256 lanes[4] = {_mm256_unpacklo_ps(rb_low, ga_low), _mm256_unpackhi_ps(rb_low, ga_low),
+                     _mm256_unpacklo_ps(rb_high, ga_high), _mm256_unpackhi_ps(rb_high, ga_high)};
+  for (int l = 0; l < 4; l++) {
+    _mm_storeu_ps(rgba[l], _mm256_castps256_ps128(lanes[l]));
+    _mm_storeu_ps(rgba[l + 4], _mm256_extractf128_ps(lanes[l], 1));
+  }
+}
+#else
+INLINE void weigh_lanes(const uint8_t *bytes, const int32_t *texel, const int32_t *upper,
+                        const int32_t *lower_two, i8 sums[4]) {
+  for (int l = 0; l < LANES; l++)
+    for (int c = 0; c < 4; c++) {
+      sums[c][l] = 0;
+      for (int row = 0; row < 2; row++) {
+        const uint8_t *left = bytes + texel[l] + row * PAGE_ROW_NBYTES + c, *right = left + 4;
+        int32_t weights = row ? lower_two[l] : upper[l];
+        int32_t a = c < 3 ? left[0] * left[0] >> 1 : left[0] * 64;
+        int32_t b = c < 3 ? right[0] * right[0] >> 1 : right[0] * 64;
+        sums[c][l] += a * (weights & 0xffff) + b * (weights >> 16);
+      }
+    }
+}
+
+INLINE void spread(f8 r, f8 g, f8 b, float rgba[LANES][4]) {
+  for (int l = 0; l < LANES; l++)
+    rgba[l][0] = r[l], rgba[l][1] = g[l], rgba[l][2] = b[l], rgba[l][3] = 1;
+}
+#endif
+
+static void aim_at(const depth_cell *cell, const bundle *b, const f8 *code, depth_aim *a) {
+  f8 height = height_of(cell, *code);
+  for (int k = 0; k < 4; k++) {
+    f8 x, y, there = see_from(cell, b, k, height, &x, &y);
+    f8 expected = *code;
+    if (cell->frames) expected = 256.0f * there / (cell->unit + there);
+    reading r = find(cell, k, x, y);
+    f8 bottom = (float)WHOLE * r.fy, top = (float)WHOLE - bottom;
+    f8 bottom_right = bottom * r.fx, top_right = top * r.fx;
+    i8 above = to_int(top - top_right + 0.5f) | to_int(top_right + 0.5f) << 16;
+    i8 below = to_int(bottom - bottom_right + 0.5f) | to_int(bottom_right + 0.5f) << 16;
+    memcpy(a->upper[k], &above, sizeof above);
+    memcpy(a->lower_two[k], &below, sizeof below);
+    memcpy(a->texel[k], &r.texel, sizeof r.texel);
+    store(a->weight[k], choose(r.inside, b->weight[k], all(0)));
+    store(a->expected[k], expected);
+    const uint8_t *bytes = cell->slices[k]->bytes;
+    for (int l = 0; l < LANES; l++) {
+      __builtin_prefetch(bytes + a->texel[k][l]);
+      __builtin_prefetch(bytes + a->texel[k][l] + PAGE_ROW_NBYTES + 7);
+    }
+  }
+}
+
+static void aim(const depth_cell *cell, const depth_rays *rays, depth_aim *a) {
+  bundle b;
+  f8 code = load(a->guess.codes);
+  make_bundle(cell, rays, a->guess.texels, a->guess.count, &b);
+  a->cell = cell;
+  aim_at(cell, &b, &code, a);
+}
+
+/* What the four slices show where they should see a height. */
+typedef struct {
+  f8 rgb[4][3]; /* linear, times PAGE_WHITE * WHOLE / 2 */
+  f8 off[4];    /* code seen less the one expected */
+  f8 weight[4];
+  f8 moved; /* mean of off: the slices' directions lie around the ray's, so that it leads to what
+               they see, right to first order wherever along the ray they look */
+} view;
+
+static void read_aimed(const depth_aim *a, const f8 *code, view *v) {
+  f8 sum = all(1e-6f), limit = 4.0f * tolerance(*code);
+  v->moved = all(0);
+  for (int k = 0; k < 4; k++) {
+    i8 sums[4];
+    weigh_lanes(a->cell->slices[k]->bytes, a->texel[k], a->upper[k], a->lower_two[k], sums);
+    for (int c = 0; c < 3; c++) v->rgb[k][c] = to_float(sums[c]);
+    v->weight[k] = load(a->weight[k]);
+    v->off[k] = to_float(sums[3]) * (1.0f / 64 / WHOLE) - load(a->expected[k]);
+    f8 weight = choose(magnitude(v->off[k]) < limit, v->weight[k], all(0));
+    v->moved += weight * v->off[k], sum += weight;
+  }
+  v->moved /= sum;
+}
+
+static unsigned mix_aimed(depth_rays *rays, depth_aim *a) {
+  enum { PASSES = 3 };
+  const uint8_t *texels = a->guess.texels;
+  const int count = a->guess.count;
+  view v;
+  f8 code = load(a->guess.codes);
+  read_aimed(a, &code, &v);
+  for (int pass = 1; pass < PASSES; pass++) {
+    bundle b;
+    if (!mask_bits(magnitude(v.moved) > MOVED_SHARE * tolerance(code))) break;
+    code = smaller(larger(code + v.moved, all(0)), all(255));
+    make_bundle(a->cell, rays, texels, count, &b);
+    aim_at(a->cell, &b, &code, a);
+    read_aimed(a, &code, &v);
+  }
+  f8 scale = 1.0f / tolerance(code), score = all(0), agreed = all(1e-6f);
+  f8 rgb[3] = {all(0), all(0), all(0)};
+  for (int k = 0; k < 4; k++) {
+    f8 off = v.off[k] * scale, agreement = larger(1.0f - 0.25f * off * off, all(0));
+    f8 agreeing = v.weight[k] * (agreement * agreement);
+    for (int c = 0; c < 3; c++) rgb[c] += agreeing * v.rgb[k][c];
+    agreed += agreeing;
+    score += choose(off > 2.0f, -v.weight[k], agreeing);
+  }
+  f8 wanted = load(a->guess.wanted), light = 2.0f / PAGE_WHITE / WHOLE / agreed;
+  unsigned mask = mask_bits(score > wanted) & ((1u << count) - 1);
+  float rgba[LANES][4], codes[LANES], scores[LANES];
+  spread(rgb[0] * light, rgb[1] * light, rgb[2] * light, rgba);
+  store(codes, smaller(larger(code + v.moved, all(0)), all(255)));
+  store(scores, larger(score, wanted + SCORE_SLACK));
+  for (int l = 0; l < count; l++) {
+    if (!(mask >> l & 1)) continue;
+    uint8_t k = texels[l];
+    rays->code[k] = codes[l], rays->score[k] = scores[l];
+    memcpy(rays->rgba[k], rgba[l], sizeof rgba[l]);
+  }
   return mask;
 }
 
@@ -497,4 +759,4 @@ static void put(const depth_rays *rays, uint16_t *out, size_t row_nbytes) {
   }
 }
 
-const depth_kernel KERNEL = {place, mix_bundle, put};
+const depth_kernel KERNEL = {place, find_cell, mix_bundle, seek, aim, mix_aimed, put};

@@ -16,10 +16,9 @@ typedef struct {
   const depth_frame *frames; /* of a curved surface's texels; NULL for a flat one */
   float unit;                /* of the heights */
   uint32_t i0, j0;           /* the first */
-  uint32_t s[4], t[4];       /* of each */
   float exists[4];           /* 1, or 0: then another stands in, and counts for nothing */
-  const int32_t *tables[4];  /* of pages */
-  float qx[4], qy[4];        /* slopes, texels a unit of height */
+  const depth_slice *slices[4];
+  float qx[4], qy[4]; /* slopes, texels a unit of height */
 } depth_cell;
 
 /* The rays of a block's texels, 8 row + column. Texels are those of the light; slopes as those of
@@ -42,15 +41,38 @@ typedef struct {
   float scale[4];         /* see flat_texel_scale */
 } depth_geometry;
 
+/* Up to eight texels of a cell and what is guessed of their heights: codes to begin with, and the
+ * scores for which what is found is taken. Lanes beyond `count` repeat the first. */
+typedef struct {
+  uint8_t texels[LANES];
+  int count;
+  float codes[LANES], wanted[LANES];
+} depth_guess;
+
+/* Where a guess is looked for: what of each slice is read for each lane. */
+typedef struct {
+  const depth_cell *cell;
+  depth_guess guess;
+  int32_t texel[4][LANES]; /* where the four texels begin, in the slice's bytes */
+  int32_t upper[4][LANES], lower_two[4][LANES]; /* their weights, two in one number */
+  float weight[4][LANES];                       /* of the slices, 0 beyond the surface */
+  float expected[4][LANES];                     /* code that each should see */
+} depth_aim;
+
 typedef struct {
   /* The rays of block (block_u, block_v) for its directions. */
   void (*place)(const depth_geometry *g, uint32_t block_u, uint32_t block_v,
                 const block_directions *directions, depth_rays *rays);
-  /* Mixes those of `count` <= 8 texels, all of one cell, for whose height there is good evidence;
-   * returns them as a mask. Of each eight: guesses, codes of heights to begin with; wanted, the
-   * score for which the one found is taken. */
-  unsigned (*mix)(const depth_cell *cell, depth_rays *rays, const uint8_t *texels, int count,
-                  const float guesses[LANES], const float wanted[LANES]);
+  /* The texels of a cell, as a mask. */
+  uint64_t (*find_cell)(const depth_rays *rays, int32_t cell);
+  /* Mixes those of the texels for whose height there is good evidence; returns their lanes. */
+  unsigned (*mix)(const depth_cell *cell, depth_rays *rays, const depth_guess *guess);
+  /* The same without guesses: follows each slice along the rays. */
+  unsigned (*seek)(const depth_cell *cell, depth_rays *rays, const depth_guess *guess);
+  /* As mix in two steps, so that what is read can come from afar in between: the quicker way,
+   * which knows no edges. */
+  void (*aim)(const depth_cell *cell, const depth_rays *rays, depth_aim *aim);
+  unsigned (*mix_aimed)(depth_rays *rays, depth_aim *aim);
   /* Writes the block as half floats. */
   void (*put)(const depth_rays *rays, uint16_t *out, size_t row_nbytes);
 } depth_kernel;
@@ -58,7 +80,18 @@ typedef struct {
 extern const depth_kernel depth_kernel_plain, depth_kernel_avx2;
 
 /* Thresholds, of all mixing by depth: see depth_mix.c. */
-enum { EDGE_CODES = 12 /* heights further apart are of two things */ };
+enum {
+  EDGE_CODES = 12, /* heights further apart are of two things */
+  STEP_TEXELS = 2, /* that a ray is followed through a slice by, */
+  MAX_STEPS = 48,  /* so many times */
+  CURVED_STEPS = 6
+};
+/* A slice is not followed that looks so far aslant that it would not be followed to this height, in
+ * units, or that has hardly any weight. */
+#define LEAST_REACH 0.1f
+#define LEAST_WITNESS 0.03f
+/* What is lower hides what is higher if it is judged this well beside it. */
+#define LOWER_SHARE 0.2f
 /* A slice on the rim of the neighbourhood keeps this weight: its word on visibility counts. */
 #define LEAST_WEIGHT 0.01f
 /* The weight of slices that must agree for no more to be asked. */
@@ -66,5 +99,7 @@ enum { EDGE_CODES = 12 /* heights further apart are of two things */ };
 /* How far apart two heights may be and still be one: codes, slopes and edges are not exact. */
 #define TOLERANCE_UNITS 0.005f
 #define TOLERANCE_SHARE 0.03f
+/* How much less than last time, or than a neighbour's, a score may be, as directions change. */
+#define SCORE_SLACK 0.1f
 
 #endif

@@ -8,12 +8,6 @@
 #include "depth_kernel.h"
 #include "half.h"
 
-enum {
-  STEP_TEXELS = 2, /* that a ray is followed through a slice by, */
-  MAX_STEPS = 48,  /* so many times */
-  CURVED_STEPS = 6
-};
-
 /* How a texel was mixed. */
 enum {
   SEEN_UNKNOWN, /* not yet */
@@ -22,19 +16,12 @@ enum {
   SEEN_NOT      /* by none */
 };
 
+/* What was found for a block's texels. */
 typedef struct {
-  uint16_t code; /* of the height, in 1/256 */
-  int8_t score;  /* in 1/100 */
-  uint8_t kind;
+  uint16_t code[64]; /* of the height, in 1/256 */
+  int8_t score[64];  /* in 1/100 */
+  uint8_t kind[64];
 } memory;
-
-/* A slice is not followed that looks so far aslant that it would not be followed to this height, in
- * units, or that has hardly any weight. */
-#define LEAST_REACH 0.1f
-#define LEAST_WITNESS 0.03f
-
-/* What is lower hides what is higher if it is judged this well beside it. */
-#define LOWER_SHARE 0.2f
 
 struct depth_mixer {
   depth_geometry geometry;
@@ -45,7 +32,7 @@ struct depth_mixer {
   depth_pages pages;
   const depth_kernel *kernel;
   uint32_t block_u_count; /* of what is mixed */
-  memory *last;           /* 64 a block */
+  memory *last;           /* of each block */
   uint8_t *visits;        /* of each block */
   depth_mix_counts counts;
 };
@@ -89,8 +76,7 @@ bool flat_texel_scale(const slf_mesh *mesh, uint32_t u_count, uint32_t v_count, 
 
 /* A slice near a ray's direction: its weight, and (q_i - q). */
 typedef struct {
-  uint32_t s, t;
-  const int32_t *table; /* of its pages */
+  const depth_slice *slice;
   float weight, dx, dy;
 } neighbour;
 
@@ -110,9 +96,10 @@ static inline place find_place(depth_mixer *m, const neighbour *n, float x, floa
   x = confine(x - 0.5f, m->u_end - 1.5f);
   y = confine(y - 0.5f, m->v_end - 1.5f);
   int i = (int)x, j = (int)y;
-  int32_t page = n->table[(uint32_t)(j >> 3) * p->block_u_count + (uint32_t)(i >> 3)];
-  if (page == PAGE_ABSENT) page = depth_pages_load(p, n->s, n->t, (uint32_t)i / 8, (uint32_t)j / 8);
-  return (place){p->bytes + page, i & 7, j & 7, x - (float)i, y - (float)j};
+  uint32_t block = (uint32_t)(j >> 3) * p->block_u_count + (uint32_t)(i >> 3);
+  if (!(n->slice->there[block / 32] >> block % 32 & 1)) depth_pages_load(p, n->slice, block);
+  const uint8_t *page = n->slice->bytes + (size_t)block * PAGE_NBYTES;
+  return (place){page, i & 7, j & 7, x - (float)i, y - (float)j};
 }
 
 /* The code of the height that the slice sees at texel (x, y) of the light; -1 beyond the surface.
@@ -176,9 +163,7 @@ static void add_neighbours(depth_mixer *m, ray *r, int reach) {
       float wide = 1.0f / (float)reach;
       float weight = fmaxf(1 - wide * fabsf((float)i - r->i), 0) *
                      fmaxf(1 - wide * fabsf((float)j - r->j), 0) * wide;
-      neighbour n = {.s = (uint32_t)i,
-                     .t = (uint32_t)j,
-                     .table = depth_pages_table(&m->pages, (uint32_t)i, (uint32_t)j),
+      neighbour n = {.slice = depth_pages_slice(&m->pages, (uint32_t)i, (uint32_t)j),
                      .weight = weight + LEAST_WEIGHT,
                      .dx = q[0] - r->qx,
                      .dy = q[1] - r->qy};
@@ -340,28 +325,30 @@ static void mix_four_tap(depth_mixer *m, ray *r, float rgb[3]) {
  * some slices that disagree forgets, so that nothing wrong stays. */
 enum { REFRESH = 64 };
 
-static memory *recall(depth_mixer *m, uint32_t block_u, uint32_t block_v) {
-  size_t block = (size_t)block_v * m->block_u_count + block_u;
-  memory *last = m->last + 64 * block;
+static memory *recall(depth_mixer *m, size_t block) {
+  memory *last = &m->last[block];
   for (uint32_t k = m->visits[block]++ % REFRESH; k < 64; k += REFRESH)
-    if (last[k].score < (int)(100 * ALL_AGREE)) last[k].kind = SEEN_UNKNOWN;
+    if (last->score[k] < (int)(100 * ALL_AGREE)) last->kind[k] = SEEN_UNKNOWN;
   return last;
 }
 
-static void remember(const depth_rays *rays, uint32_t k, memory *now, uint8_t kind) {
-  now[k] =
-      (memory){(uint16_t)(256 * fmaxf(rays->code[k], 0)), (int8_t)(100 * rays->score[k]), kind};
+static void remember(const depth_rays *rays, const uint8_t kinds[64], uint64_t mask, memory *now) {
+  for (int k = 0; k < 64; k++) {
+    if (!(mask >> k & 1)) continue;
+    now->code[k] = (uint16_t)(256 * (rays->code[k] > 0 ? rays->code[k] : 0));
+    now->score[k] = (int8_t)(100 * rays->score[k]);
+    now->kind[k] = kinds[k];
+  }
 }
 
 /* Scores below which a height is none, of the four slices around and of more. */
 static const float least_near = 0.15f, least_wide = 0.01f;
 
-/* A little less than last time, as directions change. What was wanted stays wanted until the next
- * search: scores do not wear off frame by frame. */
-#define SCORE_SLACK 0.1f
-static float wanted_score(const memory *last) {
-  float least = last->kind == SEEN_WIDE ? least_wide : least_near;
-  float wanted = fmaxf(0.01f * (float)last->score - SCORE_SLACK, least);
+/* A little less than last time. What was wanted stays wanted until the next search: scores do not
+ * wear off frame by frame. */
+static float wanted_score(const memory *last, uint32_t k) {
+  float least = last->kind[k] == SEEN_WIDE ? least_wide : least_near;
+  float wanted = fmaxf(0.01f * (float)last->score[k] - SCORE_SLACK, least);
   return wanted < ALL_AGREE ? wanted : ALL_AGREE;
 }
 
@@ -379,51 +366,46 @@ static depth_cell find_cell(depth_mixer *m, uint32_t i0, uint32_t j0) {
   for (uint32_t k = 0; k < 4; k++) {
     uint32_t from = cell.exists[k] > 0 ? k : any, i = i0 + (from & 1), j = j0 + (from >> 1);
     const float *q = m->slopes[i * g->t_count + j];
-    cell.s[k] = i, cell.t[k] = j;
     cell.qx[k] = q[0], cell.qy[k] = q[1];
-    cell.tables[k] = depth_pages_table(&m->pages, i, j);
+    cell.slices[k] = depth_pages_slice(&m->pages, i, j);
   }
   return cell;
 }
 
-/* Follows each slice along the ray of texel k; more slices where the four around see nothing. */
-static uint8_t search(depth_mixer *m, depth_rays *rays, uint32_t k, ray *r) {
-  for (int reach = 1; reach <= 2; reach++) {
-    if (reach == 2) add_neighbours(m, r, reach);
-    float h = find_height(m, r, &rays->score[k]);
-    if (rays->score[k] < (reach == 1 ? least_near : least_wide)) continue;
-    if (!(mix_at(m, r, h, rays->rgba[k]) > 0)) continue;
-    rays->code[k] = 256 * h / (m->unit + h);
-    return reach == 1 ? SEEN_NEAR : SEEN_WIDE;
-  }
-  mix_four_tap(m, r, rays->rgba[k]);
-  return SEEN_NOT;
-}
-
-/* Where the four slices around did not do last time. */
-static bool mix_again(depth_mixer *m, depth_rays *rays, uint32_t k, ray *r, const memory *last) {
-  float code = (float)last->code / 256, h = height_of(m, code);
-  if (last->kind == SEEN_NOT) mix_four_tap(m, r, rays->rgba[k]);
-  if (last->kind != SEEN_WIDE) return last->kind == SEEN_NOT;
-  add_neighbours(m, r, 2);
-  rays->code[k] = code;
-  rays->score[k] = judge(m, r, h);
-  if (rays->score[k] > wanted_score(last) && mix_at(m, r, h, rays->rgba[k]) > 0) return true;
-  r->near_count = 0;
-  add_neighbours(m, r, 1);
-  return false;
-}
-
-static void mix_alone(depth_mixer *m, depth_rays *rays, uint32_t k, const memory *last,
-                      memory *now) {
+static ray find_ray(depth_mixer *m, const depth_rays *rays, uint32_t k) {
   ray r = {rays->x[k], rays->y[k], rays->qx[k], rays->qy[k], rays->i[k], rays->j[k], {{0}}, 0};
   add_neighbours(m, &r, 1);
-  rays->score[k] = 0;
-  uint8_t kind = mix_again(m, rays, k, &r, &last[k]) ? last[k].kind : search(m, rays, k, &r);
-  m->counts.wide_count += kind == SEEN_WIDE;
-  m->counts.four_tap_count += kind == SEEN_NOT;
+  return r;
+}
+
+/* As last time, where the four slices around did not do. */
+static bool mix_again(depth_mixer *m, depth_rays *rays, uint32_t k, const memory *last) {
+  ray r = find_ray(m, rays, k);
   rays->rgba[k][3] = 1;
-  remember(rays, k, now, kind);
+  if (last->kind[k] == SEEN_NOT) {
+    rays->score[k] = 0;
+    mix_four_tap(m, &r, rays->rgba[k]);
+    return true;
+  }
+  float code = (float)last->code[k] / 256, h = height_of(m, code);
+  add_neighbours(m, &r, 2);
+  rays->code[k] = code;
+  rays->score[k] = judge(m, &r, h);
+  return rays->score[k] > wanted_score(last, k) && mix_at(m, &r, h, rays->rgba[k]) > 0;
+}
+
+/* From 16 slices, each followed along the ray. Returns how. */
+static uint8_t mix_alone(depth_mixer *m, depth_rays *rays, uint32_t k) {
+  ray r = find_ray(m, rays, k);
+  rays->rgba[k][3] = 1;
+  add_neighbours(m, &r, 2);
+  float h = find_height(m, &r, &rays->score[k]);
+  if (rays->score[k] >= least_wide && mix_at(m, &r, h, rays->rgba[k]) > 0) {
+    rays->code[k] = 256 * h / (m->unit + h);
+    return SEEN_WIDE;
+  }
+  mix_four_tap(m, &r, rays->rgba[k]);
+  return SEEN_NOT;
 }
 
 /* Where a guess comes from: the texel itself or its neighbours, last time. What moves, moves over a
@@ -438,127 +420,169 @@ typedef enum {
   GUESS_COUNT
 } guess_origin;
 
-/* NULL beyond the block. */
-static const memory *find_neighbour(const memory *last, uint32_t k, guess_origin origin) {
-  static const int columns[GUESS_COUNT] = {0, 0, 1, -1, 0, 0},
-                   rows[GUESS_COUNT] = {0, 0, 0, 0, 1, -1};
+static const int8_t columns[GUESS_COUNT] = {0, 0, 1, -1, 0, 0},
+                    rows[GUESS_COUNT] = {0, 0, 0, 0, 1, -1};
+
+/* The place of a texel's neighbour in the block; -1 beyond it. */
+static int find_neighbour(uint32_t k, guess_origin origin) {
   int column = (int)k % 8 + columns[origin], row = (int)k / 8 + rows[origin];
-  return column < 0 || row < 0 || column > 7 || row > 7 ? NULL : &last[8 * row + column];
+  return column < 0 || row < 0 || column > 7 || row > 7 ? -1 : 8 * row + column;
 }
 
 static bool guess_lower(const memory *last, uint32_t k, float *code, float *wanted) {
-  int lowest = last[k].code - 256 * EDGE_CODES;
+  int lowest = last->code[k] - 256 * EDGE_CODES;
   bool found = false;
   for (int origin = GUESS_RIGHT; origin < GUESS_COUNT; origin++) {
-    const memory *from = find_neighbour(last, k, (guess_origin)origin);
-    if (!from || from->kind != SEEN_NEAR || from->code >= lowest) continue;
-    lowest = from->code, found = true;
+    int from = find_neighbour(k, (guess_origin)origin);
+    if (from < 0 || last->kind[from] != SEEN_NEAR || last->code[from] >= lowest) continue;
+    lowest = last->code[from], found = true;
   }
   *code = (float)lowest / 256;
-  *wanted = fmaxf(0.01f * LOWER_SHARE * (float)last[k].score, least_near);
+  *wanted = fmaxf(0.01f * LOWER_SHARE * (float)last->score[k], least_near);
   return found;
 }
 
 static bool guess(const memory *last, uint32_t k, guess_origin origin, float *code, float *wanted) {
-  if (origin != GUESS_AGAIN && last[k].kind == SEEN_UNKNOWN) return false;
+  if (origin != GUESS_AGAIN && last->kind[k] == SEEN_UNKNOWN) return false;
   if (origin == GUESS_LOWER) return guess_lower(last, k, code, wanted);
-  const memory *from = find_neighbour(last, k, origin);
-  if (!from || from->kind != SEEN_NEAR) return false;
-  *code = (float)from->code / 256;
-  *wanted = wanted_score(from);
+  int from = find_neighbour(k, origin);
+  if (from < 0 || last->kind[from] != SEEN_NEAR) return false;
+  *code = (float)last->code[from] / 256;
+  *wanted = wanted_score(last, (uint32_t)from);
   return true;
 }
 
-/* A list of texels of one cell: those from `next` on are to be looked at, the first `kept` stay. */
-typedef struct {
-  uint8_t *texels;
-  int count, next, kept;
-} texel_list;
-
-/* Up to eight texels of a list and what is guessed of them. */
-typedef struct {
-  uint8_t texels[LANES];
-  float codes[LANES], wanted[LANES];
-  int count;
-} guessed;
-
-/* A whole row, if it is next in the list and at least one of its texels has a guess. */
-static bool pick_row(const memory *last, guess_origin origin, texel_list *list, guessed *out) {
-  const uint8_t *row = list->texels + list->next;
-  int known = 0;
-  if (row[0] % 8 != 0 || list->next + 7 >= list->count || row[7] != row[0] + 7) return false;
-  for (int l = 0; l < LANES; l++) {
-    bool has = guess(last, row[l], origin, &out->codes[l], &out->wanted[l]);
-    if (!has) out->codes[l] = 0, out->wanted[l] = INFINITY;
-    known += has;
-  }
-  if (!known) return false;
-  memcpy(out->texels, row, LANES);
-  list->next += LANES, out->count = LANES;
-  return true;
+/* The texels whose height the four slices around knew, and with no neighbour in the block that saw
+ * another thing that is lower. */
+static uint64_t find_steady(const memory *last) {
+  uint16_t codes[10][10];
+  uint64_t steady = 0, agreeing = 0;
+  memset(codes, 0xff, sizeof codes);
+  for (int k = 0; k < 64; k++)
+    codes[1 + k / 8][1 + k % 8] = last->kind[k] == SEEN_NEAR ? last->code[k] : UINT16_MAX;
+  for (int k = 0; k < 64; k++)
+    agreeing |= (uint64_t)(last->score[k] >= (int)(100 * ALL_AGREE)) << k;
+  for (int row = 1; row <= 8; row++)
+    for (int i = 1; i <= 8; i++) {
+      uint16_t code = codes[row][i], a = codes[row][i - 1], b = codes[row][i + 1];
+      uint16_t c = codes[row - 1][i], d = codes[row + 1][i];
+      a = a < b ? a : b, c = c < d ? c : d, a = a < c ? a : c;
+      bool fits = code < UINT16_MAX && a >= code - 256 * EDGE_CODES;
+      steady |= (uint64_t)fits << (8 * (row - 1) + i - 1);
+    }
+  return steady & agreeing;
 }
 
-/* Texels that have a guess; the others stay in the list. */
-static void pick_some(const memory *last, guess_origin origin, texel_list *list, guessed *out) {
-  out->count = 0;
-  for (; list->next < list->count && out->count < LANES; list->next++) {
-    uint8_t k = list->texels[list->next];
-    int l = out->count;
-    if (guess(last, k, origin, &out->codes[l], &out->wanted[l]))
-      out->texels[out->count++] = k;
+/* Takes up to eight texels out of the mask for which `origin` has a guess, a whole row if that is
+ * next; those without a guess go to *without. */
+static void pick(const memory *last, guess_origin origin, uint64_t *texels, uint64_t *without,
+                 depth_guess *g) {
+  int count = 0;
+  for (; *texels && count < LANES; *texels &= *texels - 1) {
+    uint32_t k = (uint32_t)__builtin_ctzll(*texels);
+    if (guess(last, k, origin, &g->codes[count], &g->wanted[count]))
+      g->texels[count++] = (uint8_t)k;
     else
-      list->texels[list->kept++] = k;
+      *without |= 1ull << k;
   }
-  for (int l = out->count; l < LANES && out->count; l++)
-    out->codes[l] = out->codes[0], out->wanted[l] = out->wanted[0];
+  g->count = count;
+  if (count == 0) return;
+  for (int l = count; l < LANES; l++)
+    g->texels[l] = g->texels[0], g->codes[l] = g->codes[0], g->wanted[l] = g->wanted[0];
 }
 
-/* Mixes what it can of the texels from what is guessed, and returns how many are left. Whole rows
- * are quicker, even if some of their texels have no guess. */
-static int mix_guessed(depth_mixer *m, const depth_cell *cell, depth_rays *rays, uint8_t *texels,
-                       int count, const memory *last, guess_origin origin, memory *now) {
-  texel_list list = {texels, count, 0, 0};
-  while (list.next < count) {
-    guessed g;
-    if (!pick_row(last, origin, &list, &g)) pick_some(last, origin, &list, &g);
-    if (g.count == 0) break;
-    unsigned mixed = m->kernel->mix(cell, rays, g.texels, g.count, g.codes, g.wanted);
-    m->counts.foretold_count += (uint64_t)__builtin_popcount(mixed);
-    for (int l = 0; l < g.count; l++)
-      if (mixed >> l & 1) {
-        uint8_t k = g.texels[l];
-        rays->score[k] = fmaxf(rays->score[k], g.wanted[l] + SCORE_SLACK);
-        remember(rays, k, now, SEEN_NEAR);
-      } else
-        texels[list.kept++] = g.texels[l];
+static uint64_t find_mixed(const depth_guess *g, unsigned lanes) {
+  uint64_t mixed = 0;
+  for (; lanes; lanes &= lanes - 1) mixed |= 1ull << g->texels[__builtin_ctz(lanes)];
+  return mixed;
+}
+
+/* Mixes what it can of the texels from what is guessed; returns those. */
+static uint64_t mix_guessed(depth_mixer *m, const depth_cell *cell, depth_rays *rays,
+                            uint64_t texels, const memory *last, guess_origin origin) {
+  uint64_t mixed = 0, without = 0;
+  while (texels) {
+    depth_guess g;
+    pick(last, origin, &texels, &without, &g);
+    if (g.count > 0) mixed |= find_mixed(&g, m->kernel->mix(cell, rays, &g));
   }
-  return list.kept;
+  return mixed;
+}
+
+/* The same without guesses. */
+static uint64_t mix_sought(depth_mixer *m, const depth_cell *cell, depth_rays *rays,
+                           uint64_t texels) {
+  uint64_t mixed = 0;
+  while (texels) {
+    depth_guess g = {.count = 0};
+    for (int l = 0; l < LANES; l++) g.wanted[l] = least_near;
+    for (; texels && g.count < LANES; texels &= texels - 1)
+      g.texels[g.count++] = (uint8_t)__builtin_ctzll(texels);
+    mixed |= find_mixed(&g, m->kernel->seek(cell, rays, &g));
+  }
+  return mixed;
+}
+
+/* The texels that the four slices around did not serve last time. */
+static uint64_t find_poor(const memory *last) {
+  uint64_t poor = 0;
+  for (int k = 0; k < 64; k++)
+    poor |= (uint64_t)(last->kind[k] == SEEN_WIDE || last->kind[k] == SEEN_NOT) << k;
+  return poor;
 }
 
 void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
                      const block_directions *directions, uint16_t *out, size_t row_nbytes) {
   depth_rays rays;
-  memory last[64], *now = recall(m, block_u, block_v);
-  memcpy(last, now, sizeof last);
+  depth_cell cells[64];
+  uint64_t texels[64]; /* of each cell */
+  depth_aim aims[64];
+  uint8_t kinds[64];
+  int cell_count = 0, aim_count = 0;
+  depth_pages_make_room(&m->pages);
+  memory *now = recall(m, (size_t)block_v * m->block_u_count + block_u);
+  const memory last = *now;
+  const uint64_t steady = find_steady(&last), poor = find_poor(&last);
+  uint64_t foretold = 0, without = 0;
+  memset(kinds, SEEN_NEAR, sizeof kinds);
   m->kernel->place(&m->geometry, block_u, block_v, directions, &rays);
   if (~directions->mask) memset(rays.rgba, 0, sizeof rays.rgba);
   m->counts.texel_count += (uint64_t)__builtin_popcountll(directions->mask);
-  for (uint64_t left = directions->mask; left;) {
+  for (uint64_t left = directions->mask; left; left &= ~texels[cell_count++]) {
     int32_t at = rays.cell[__builtin_ctzll(left)];
-    depth_cell cell =
+    cells[cell_count] =
         find_cell(m, (uint32_t)at / m->geometry.t_count, (uint32_t)at % m->geometry.t_count);
-    uint8_t texels[64];
-    int count = 0;
-    for (uint64_t k = left; k; k &= k - 1) {
-      int texel = __builtin_ctzll(k);
-      if (rays.cell[texel] != at) continue;
-      texels[count++] = (uint8_t)texel;
-      left &= ~(1ull << texel);
+    texels[cell_count] = m->kernel->find_cell(&rays, at) & left;
+    for (uint64_t k = texels[cell_count] & steady; k;) {
+      depth_aim *a = &aims[aim_count++];
+      pick(&last, GUESS_AGAIN, &k, &without, &a->guess);
+      m->kernel->aim(&cells[cell_count], &rays, a);
     }
-    for (int origin = 0; origin < GUESS_COUNT && count; origin++)
-      count = mix_guessed(m, &cell, &rays, texels, count, last, (guess_origin)origin, now);
-    for (int l = 0; l < count; l++) mix_alone(m, &rays, texels[l], last, now);
   }
+  for (int i = 0; i < aim_count; i++)
+    foretold |= find_mixed(&aims[i].guess, m->kernel->mix_aimed(&rays, &aims[i]));
+  for (int i = 0; i < cell_count; i++) {
+    uint64_t left = texels[i] & ~foretold;
+    for (int origin = 0; origin < GUESS_COUNT && left; origin++) {
+      uint64_t found = mix_guessed(m, &cells[i], &rays, left, &last, (guess_origin)origin);
+      foretold |= found, left &= ~found;
+    }
+    for (uint64_t of = left & poor; of; of &= of - 1) {
+      uint32_t k = (uint32_t)__builtin_ctzll(of);
+      if (mix_again(m, &rays, k, &last)) kinds[k] = last.kind[k], left &= ~(1ull << k);
+    }
+    uint64_t near = left ? mix_sought(m, &cells[i], &rays, left) : 0;
+    for (left &= ~near; left; left &= left - 1) {
+      uint32_t k = (uint32_t)__builtin_ctzll(left);
+      kinds[k] = mix_alone(m, &rays, k);
+    }
+  }
+  for (int k = 0; k < 64; k++) {
+    m->counts.wide_count += (directions->mask >> k & 1) && kinds[k] == SEEN_WIDE;
+    m->counts.four_tap_count += (directions->mask >> k & 1) && kinds[k] == SEEN_NOT;
+  }
+  m->counts.foretold_count += (uint64_t)__builtin_popcountll(foretold);
+  remember(&rays, kinds, directions->mask, now);
   m->kernel->put(&rays, out, row_nbytes);
 }
 
@@ -590,7 +614,7 @@ depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
   depth_mixer_use_kernel(m, RESAMPLE_BEST);
   m->block_u_count = (u_count + 7) / 8;
   size_t block_count = (size_t)m->block_u_count * ((v_count + 7) / 8);
-  m->last = calloc(64 * block_count, sizeof *m->last);
+  m->last = calloc(block_count, sizeof *m->last);
   m->visits = calloc(block_count, 1);
   if (!depth_pages_create(&m->pages, reflected, light, height, heights) || !m->slopes || !m->last ||
       !m->visits || (!flat && !m->frames)) {

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MIN_PAGES = 1024, MAX_PAGES = 1 << 17, PAGES_A_BLOCK = 64 };
+enum { MOST_PAGES = 1 << 18 /* 85 MB */ };
 
 static uint32_t smaller(uint32_t a, uint32_t b) {
   return a < b ? a : b;
@@ -21,33 +21,49 @@ bool depth_pages_create(depth_pages *p, const slf_layer *light, block_source lig
                      .t_count = light->t_count,
                      .light = light_source,
                      .heights = heights_source};
-  uint32_t wanted = PAGES_A_BLOCK * p->block_u_count * p->block_v_count;
-  p->page_count = wanted < MIN_PAGES ? MIN_PAGES : smaller(wanted, MAX_PAGES);
   for (int code = 0; code < 256; code++)
     p->root[code] = (uint8_t)(255 * sqrtf(slf_linear_from_srgb((uint8_t)code)) + 0.5f);
-  p->bytes = aligned_alloc(64, (size_t)p->page_count * PAGE_NBYTES);
-  p->owners = calloc(p->page_count, sizeof *p->owners);
-  p->tables = calloc((size_t)light->s_count * light->t_count, sizeof *p->tables);
+  p->most_pages = MOST_PAGES;
   p->slice_count = light->s_count * light->t_count;
-  if (p->bytes && p->owners && p->tables) return true;
-  depth_pages_free(p);
-  return false;
+  p->slices = calloc(p->slice_count, sizeof *p->slices);
+  return p->slices;
+}
+
+static void forget_slice(depth_pages *p, depth_slice *slice) {
+  p->page_count -= slice->page_count;
+  free(slice->bytes);
+  free(slice->there);
+  *slice = (depth_slice){0};
 }
 
 void depth_pages_free(depth_pages *p) {
-  for (uint32_t i = 0; i < p->slice_count && p->tables; i++) free(p->tables[i]);
-  free(p->tables);
-  free(p->owners);
-  free(p->bytes);
+  for (uint32_t i = 0; i < p->slice_count && p->slices; i++) forget_slice(p, &p->slices[i]);
+  free(p->slices);
   *p = (depth_pages){0};
 }
 
-const int32_t *depth_pages_table(depth_pages *p, uint32_t s_index, uint32_t t_index) {
-  int32_t **table = &p->tables[s_index * p->t_count + t_index];
-  size_t count = (size_t)p->block_u_count * p->block_v_count;
-  if (!*table && (*table = malloc(count * sizeof **table)))
-    for (size_t i = 0; i < count; i++) (*table)[i] = PAGE_ABSENT;
-  return *table;
+const depth_slice *depth_pages_slice(depth_pages *p, uint32_t s_index, uint32_t t_index) {
+  depth_slice *slice = &p->slices[s_index * p->t_count + t_index];
+  const size_t count = (size_t)p->block_u_count * p->block_v_count;
+  slice->used = ++p->now;
+  if (slice->bytes) return slice;
+  /* A read of eight bytes begins with the last texel but one. */
+  slice->bytes = malloc(count * PAGE_NBYTES);
+  slice->there = calloc((count + 31) / 32, sizeof *slice->there);
+  slice->s_index = s_index, slice->t_index = t_index;
+  if (slice->bytes && slice->there) return slice;
+  forget_slice(p, slice);
+  return NULL;
+}
+
+void depth_pages_make_room(depth_pages *p) {
+  while (p->page_count > p->most_pages) {
+    depth_slice *oldest = NULL;
+    for (uint32_t i = 0; i < p->slice_count; i++)
+      if (p->slices[i].bytes && (!oldest || p->slices[i].used < oldest->used))
+        oldest = &p->slices[i];
+    forget_slice(p, oldest);
+  }
 }
 
 static void fetch_block(block_source source, slice_index slice, uint32_t block_u, uint32_t block_v,
@@ -95,15 +111,14 @@ static void fetch_heights(const depth_pages *p, slice_index slice, uint32_t bloc
     }
 }
 
-int32_t depth_pages_load(depth_pages *p, uint32_t s_index, uint32_t t_index, uint32_t block_u,
-                         uint32_t block_v) {
+void depth_pages_load(depth_pages *p, const depth_slice *of, uint32_t block) {
   uint8_t light[9][9][4], heights[9][9][4];
-  slice_index slice = (slice_index)(s_index << 8 | t_index);
-  fetch_texels(p->light, slice, block_u, block_v, p->u_count, p->v_count, light);
-  fetch_heights(p, slice, block_u, block_v, heights);
-  if (p->owners[p->next]) *p->owners[p->next] = PAGE_ABSENT;
-  int32_t begin = (int32_t)(p->next * PAGE_NBYTES);
-  uint8_t *page = p->bytes + begin;
+  depth_slice *slice = &p->slices[of->s_index * p->t_count + of->t_index];
+  const slice_index index = (slice_index)(slice->s_index << 8 | slice->t_index);
+  const uint32_t block_u = block % p->block_u_count, block_v = block / p->block_u_count;
+  fetch_texels(p->light, index, block_u, block_v, p->u_count, p->v_count, light);
+  fetch_heights(p, index, block_u, block_v, heights);
+  uint8_t *page = slice->bytes + (size_t)block * PAGE_NBYTES;
   for (int y = 0; y < 9; y++)
     for (int x = 0; x < 9; x++) {
       const uint8_t *code = light[y][x];
@@ -111,9 +126,6 @@ int32_t depth_pages_load(depth_pages *p, uint32_t s_index, uint32_t t_index, uin
       texel[0] = p->root[code[0]], texel[1] = p->root[code[1]], texel[2] = p->root[code[2]];
       texel[3] = heights[y][x][1];
     }
-  int32_t *place = p->tables[s_index * p->t_count + t_index] + block_v * p->block_u_count + block_u;
-  *place = begin;
-  p->owners[p->next] = place;
-  p->next = (p->next + 1) % p->page_count;
-  return begin;
+  slice->there[block / 32] |= 1u << block % 32;
+  slice->page_count++, p->page_count++;
 }

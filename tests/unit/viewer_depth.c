@@ -17,11 +17,12 @@ enum { TEXELS = 64, DIRECTIONS = 8, BLOCKS = TEXELS / 8 };
 
 /* Waves of 0.25 units, amplitude 0.2: between texels 1/64 apart, linear interpolation is off by at
  * most (1/64)^2 / 8 * 0.2 * (2 pi / 0.25)^2 * 2 axes = 0.0077 */
-static const double wave = 2 * M_PI / 0.25, ceiling = 0.5, bar = 0.2, bar_from = 0.4, bar_to = 0.6;
+static const double wave = 2 * M_PI / 0.25, ceiling = 0.5, bar = 0.2;
 static const double height_unit = 0.5;
 
 typedef struct {
-  bool has_bar, of_height;
+  double bar_width; /* 0 for none; in the middle */
+  bool of_height;
   uint8_t blocks[2][SLF_BLOCK_NBYTES];
   int turn;
 } mirror;
@@ -34,7 +35,7 @@ typedef struct {
 static hit reflect(const mirror *m, double x, double z, double s, double t) {
   double n = sqrt(fmax(1 - s * s - t * t, 1e-4));
   hit low = {bar, x - bar * s / n, z - bar * t / n};
-  if (m->has_bar && low.x > bar_from && low.x < bar_to) return low;
+  if (fabs(low.x - 0.5) < 0.5 * m->bar_width) return low;
   return (hit){ceiling, x - ceiling * s / n, z - ceiling * t / n};
 }
 
@@ -67,11 +68,12 @@ static void fetch(void *context, uint32_t block_u, uint32_t block_v, const slice
 typedef struct {
   double rms, worst; /* of texels that count */
   uint32_t count;
+  uint32_t bar_count, lost_count; /* of them that reflect the bar; and show the ceiling */
   depth_mix_counts counts;
 } difference;
 
 typedef struct {
-  bool has_bar;
+  double bar_width;
   uint32_t fineness; /* texels mixed a texel, each way */
   double margin;     /* how far from the bar's edges texels count */
   resample_kernel kernel;
@@ -101,14 +103,17 @@ static void compare_block(const mirror *light, const setting *how, uint32_t bloc
     assert_int_equal(out[4 * k + 3], HALF_ONE);
     hit h = reflect(light, x, z, s, t);
     double n = sqrt(1 - s * s - t * t), at_bar = x - bar * s / n;
-    double to_edge = fmin(fabs(at_bar - bar_from), fabs(at_bar - bar_to));
+    double to_edge = fabs(fabs(at_bar - 0.5) - 0.5 * how->bar_width);
     /* The middle half: further out, slices see the point from beyond the mirror's edge. */
-    if (fabs(x - 0.5) > 0.3 || fabs(z - 0.5) > 0.3 || (how->has_bar && to_edge < how->margin))
+    if (fabs(x - 0.5) > 0.3 || fabs(z - 0.5) > 0.3 || (how->bar_width > 0 && to_edge < how->margin))
       continue;
     double off = fabs(float_from_half(out[4 * k]) - radiance(h));
     sum->rms += off * off;
     sum->worst = fmax(sum->worst, off);
     sum->count++;
+    if (h.height != bar) continue;
+    sum->bar_count++;
+    sum->lost_count += off > 0.1;
   }
 }
 
@@ -130,7 +135,8 @@ static slf_surface unit_square(void) {
 /* The whole mirror as an eye over its middle sees it. Texels count if what they reflect is clear of
  * the bar's edges and seen by all slices around. */
 static difference mix(setting how) {
-  mirror light = {.has_bar = how.has_bar}, heights = {.has_bar = how.has_bar, .of_height = true};
+  mirror light = {.bar_width = how.bar_width};
+  mirror heights = {.bar_width = how.bar_width, .of_height = true};
   slf_layer layer = {
       .u_count = TEXELS, .v_count = TEXELS, .s_count = DIRECTIONS, .t_count = DIRECTIONS};
   slf_layer height = layer;
@@ -181,7 +187,7 @@ static void finer_texels_are_as_exact(void **state) {
 static void things_in_between_keep_their_edges(void **state) {
   (void)state;
   /* Two texels from its edges the bar is the bar and the ceiling the ceiling. */
-  difference d = mix((setting){.has_bar = true, .fineness = 1, .margin = 2.0 / TEXELS});
+  difference d = mix((setting){.bar_width = 0.2, .fineness = 1, .margin = 2.0 / TEXELS});
   assert_true(d.count > 1000);
   assert_true(d.rms < 0.01);
   /* Behind the bar's edges the four slices disagree, and more are asked. */
@@ -189,11 +195,29 @@ static void things_in_between_keep_their_edges(void **state) {
   assert_true(d.counts.four_tap_count < d.counts.texel_count / 100);
 }
 
+static void a_thing_between_the_lines_is_not_lost(void **state) {
+  (void)state;
+  /* Where a ray meets the bar, the slices around see the ceiling behind it, too, past the bar on
+   * both sides: their lines, a quarter of the circle apart, meet the ray at 0.5 units and are up to
+   * 0.3 * 0.25 units apart at the bar's 0.2, and the bar is two to four of 1/64. So narrow, it is
+   * stepped over from the first frame on; wider, when it moves over what remembers the ceiling. */
+  const double widths[] = {2.0 / TEXELS, 3.5 / TEXELS};
+  for (int i = 0; i < 4; i++) {
+    difference d = mix((setting){.bar_width = widths[i / 2],
+                                 .fineness = 1,
+                                 .margin = 0.5 / TEXELS,
+                                 .eye_steps = i % 2 * 0.5 / TEXELS});
+    assert_true(d.bar_count > 30);
+    assert_int_equal(d.lost_count, 0);
+  }
+}
+
 static void frames_of_a_flight_keep_what_they_know(void **state) {
   (void)state;
   /* Half a texel of the eye a frame. The bar's edges move over texels that remember the ceiling. */
-  setting how = {.has_bar = true, .fineness = 1, .margin = 2.0 / TEXELS, .eye_steps = 0.5 / TEXELS};
-  difference first = mix((setting){.has_bar = true, .fineness = 1, .margin = 2.0 / TEXELS});
+  setting how = {
+      .bar_width = 0.2, .fineness = 1, .margin = 2.0 / TEXELS, .eye_steps = 0.5 / TEXELS};
+  difference first = mix((setting){.bar_width = 0.2, .fineness = 1, .margin = 2.0 / TEXELS});
   difference d = mix(how);
   assert_true(d.rms < 0.01);
   /* It is worth it: what is not foretold is a fraction of the first frame's. */
@@ -206,7 +230,7 @@ static void kernels_give_the_same_bytes(void **state) {
   (void)state;
   enum { COUNT = BLOCKS * BLOCKS * 256 };
   static uint16_t best[COUNT], plain[COUNT];
-  setting how = {.has_bar = true, .fineness = 1, .eye_steps = 0.5 / TEXELS, .texels = best};
+  setting how = {.bar_width = 0.2, .fineness = 1, .eye_steps = 0.5 / TEXELS, .texels = best};
   mix(how);
   how.kernel = RESAMPLE_PLAIN_C, how.texels = plain;
   mix(how);
@@ -218,7 +242,7 @@ static void four_taps_are_blurred_here(void **state) {
   /* The yardstick: at 0.5 units, slices 1/4 of the circle apart see points 1/8 units apart, half a
    * wave. */
   double worst = 0;
-  mirror m = {.has_bar = false};
+  mirror m = {.bar_width = 0};
   for (int k = 0; k < 64; k++) {
     double a = radiance(reflect(&m, 0.5 + k / 256.0, 0.5, -0.125, 0.125));
     double b = radiance(reflect(&m, 0.5 + k / 256.0, 0.5, 0.125, 0.125));
@@ -230,7 +254,7 @@ static void four_taps_are_blurred_here(void **state) {
 
 static void directions_outside_are_held(void **state) {
   (void)state;
-  mirror light = {.has_bar = false}, heights = {.of_height = true};
+  mirror light = {.of_height = false}, heights = {.of_height = true};
   slf_layer layer = {
       .u_count = TEXELS, .v_count = TEXELS, .s_count = DIRECTIONS, .t_count = DIRECTIONS};
   slf_layer height = layer;
@@ -290,6 +314,7 @@ int main(void) {
       cmocka_unit_test(flat_ceiling_is_exact),
       cmocka_unit_test(finer_texels_are_as_exact),
       cmocka_unit_test(things_in_between_keep_their_edges),
+      cmocka_unit_test(a_thing_between_the_lines_is_not_lost),
       cmocka_unit_test(frames_of_a_flight_keep_what_they_know),
       cmocka_unit_test(kernels_give_the_same_bytes),
       cmocka_unit_test(four_taps_are_blurred_here),
