@@ -21,6 +21,8 @@ typedef struct {
 struct slf_file {
   const uint8_t *bytes;
   uint64_t nbytes;
+  bool prefix;           /* bytes may be the first ones only, of */
+  uint64_t whole_nbytes; /* so many */
   bool mapped;
   char name[256];
   uint32_t chunk_count, surface_count, view_count;

@@ -39,6 +39,7 @@ typedef struct {
   uint64_t payload_bits;
   block_codes codes;
   block_tables *tables; /* NULL: the layer has no such stream */
+  bool partial;         /* blocks are the first bytes of it only, or NULL */
 } layer_stream;
 
 /* The steps of a channel: a line over the sum of the frequencies. */
@@ -72,6 +73,7 @@ typedef struct kernel kernel;
 
 typedef struct {
   slf_layer public;
+  bool partial; /* a stream is */
   const kernel *kernel;
   step_line step_lines[3];
   uint16_t steps[3][COEFFICIENTS]; /* column-major */

@@ -31,8 +31,15 @@ static slf_result check_crc(const slf_file *file, const chunk *c, slf_error *err
                   type_name(c->type, name), c->offset, crc, c->crc);
 }
 
+static slf_result needs_more(const slf_file *file, uint64_t nbytes, slf_error *error) {
+  return slf_fail(error, SLF_ERROR_PARTIAL,
+                  "%s: %" PRIu64 " bytes are there, the first %" PRIu64 " are needed", file->name,
+                  file->nbytes, nbytes);
+}
+
 static slf_result read_chunk_table(slf_file *file, slf_error *error) {
   const uint8_t *p = file->bytes;
+  if (file->prefix && file->nbytes < HEADER_NBYTES) return needs_more(file, HEADER_NBYTES, error);
   if (file->nbytes < HEADER_NBYTES || memcmp(p, slf_magic, sizeof slf_magic) != 0)
     return slf_fail(error, SLF_ERROR_FORMAT, "%s: not a .slf file (%" PRIu64 " bytes)", file->name,
                     file->nbytes);
@@ -43,14 +50,18 @@ static slf_result read_chunk_table(slf_file *file, slf_error *error) {
   if (slf_crc32(p, 28) != get_u32(p + 28))
     return slf_fail(error, SLF_ERROR_CHECKSUM, "%s: header: checksum %08x, expected %08x",
                     file->name, slf_crc32(p, 28), get_u32(p + 28));
-  if (get_u64(p + 16) != file->nbytes)
+  file->whole_nbytes = get_u64(p + 16);
+  if (file->prefix ? file->whole_nbytes < file->nbytes : file->whole_nbytes != file->nbytes)
     return slf_fail(error, SLF_ERROR_FORMAT, "%s: %" PRIu64 " bytes, its header says %" PRIu64,
-                    file->name, file->nbytes, get_u64(p + 16));
+                    file->name, file->nbytes, file->whole_nbytes);
   file->chunk_count = get_u32(p + 12);
   uint64_t table_nbytes = (uint64_t)file->chunk_count * CHUNK_ENTRY_NBYTES;
-  if (file->chunk_count == 0 || table_nbytes > file->nbytes - HEADER_NBYTES)
+  if (file->chunk_count == 0 || file->whole_nbytes < HEADER_NBYTES ||
+      table_nbytes > file->whole_nbytes - HEADER_NBYTES)
     return slf_fail(error, SLF_ERROR_FORMAT, "%s: %u chunks do not fit in %" PRIu64 " bytes",
-                    file->name, file->chunk_count, file->nbytes);
+                    file->name, file->chunk_count, file->whole_nbytes);
+  if (HEADER_NBYTES + table_nbytes > file->nbytes)
+    return needs_more(file, HEADER_NBYTES + table_nbytes, error);
   if (slf_crc32(p + HEADER_NBYTES, table_nbytes) != get_u32(p + 24))
     return slf_fail(error, SLF_ERROR_CHECKSUM, "%s: chunk table: checksum %08x, expected %08x",
                     file->name, slf_crc32(p + HEADER_NBYTES, table_nbytes), get_u32(p + 24));
@@ -64,16 +75,16 @@ static slf_result read_chunk_table(slf_file *file, slf_error *error) {
     chunk *c = &file->chunks[i];
     *c = (chunk){get_u32(e),     get_u16(e + 4),  get_u16(e + 6),
                  get_u32(e + 8), get_u64(e + 16), get_u64(e + 24)};
-    if (c->offset != end || c->nbytes > file->nbytes - end)
+    if (c->offset != end || c->nbytes > file->whole_nbytes - end)
       return slf_fail(error, SLF_ERROR_FORMAT,
                       "%s: chunk %u is %" PRIu64 " bytes at %" PRIu64 ", expected at %" PRIu64
                       " of %" PRIu64,
-                      file->name, i, c->nbytes, c->offset, end, file->nbytes);
+                      file->name, i, c->nbytes, c->offset, end, file->whole_nbytes);
     end += c->nbytes;
   }
-  if (end != file->nbytes)
+  if (end != file->whole_nbytes)
     return slf_fail(error, SLF_ERROR_FORMAT, "%s: chunks end at %" PRIu64 " of %" PRIu64 " bytes",
-                    file->name, end, file->nbytes);
+                    file->name, end, file->whole_nbytes);
   return SLF_OK;
 }
 
@@ -87,7 +98,9 @@ static slf_result find_chunk(const slf_file *file, uint32_t type, uint32_t surfa
     if (c->type != type || c->surface != surface || c->layer != layer) continue;
     *found = c;
     bool blocks = type == CHUNK_BASE || type == CHUNK_KEYS || type == CHUNK_REST;
-    return blocks ? SLF_OK : check_crc(file, c, error);
+    if (blocks) return SLF_OK;
+    if (c->offset + c->nbytes > file->nbytes) return needs_more(file, c->offset + c->nbytes, error);
+    return check_crc(file, c, error);
   }
   return slf_fail(error, SLF_ERROR_FORMAT, "%s: no chunk %s for surface %u, layer %u", file->name,
                   type_name(type, name), surface, layer);
@@ -287,6 +300,18 @@ static slf_result read_codes(layer_reader *r, layer_stream *stream, unsigned use
   return SLF_OK;
 }
 
+/* What is there of a stream's chunk: nothing, if that does not hold its directory. */
+static void take_blocks(layer_reader *r, layer_stream *stream, const chunk *blocks) {
+  uint64_t least =
+      stream_segment_count(stream->blocks.entry_count) * DIRECTORY_ENTRY_NBYTES + STREAM_PAD_NBYTES;
+  uint64_t there = r->file->nbytes > blocks->offset ? r->file->nbytes - blocks->offset : 0;
+  stream->partial = there < blocks->nbytes;
+  r->state->partial = r->state->partial || stream->partial;
+  if (there < least) return;
+  stream->blocks.bytes = r->file->bytes + blocks->offset;
+  stream->blocks.nbytes = stream->partial ? there : blocks->nbytes;
+}
+
 static slf_result read_stream(layer_reader *r, stream_kind kind, slf_error *error) {
   layer_stream *stream = &r->state->streams[kind];
   if (r->end - r->at < STREAM_HEADER_NBYTES)
@@ -310,8 +335,7 @@ static slf_result read_stream(layer_reader *r, stream_kind kind, slf_error *erro
                    STREAM_PAD_NBYTES;
   if (stream->payload_bits / 8 > blocks->nbytes || blocks->nbytes < least)
     return bad_size(r->file, blocks, least, error);
-  stream->blocks.bytes = r->file->bytes + blocks->offset;
-  stream->blocks.nbytes = blocks->nbytes;
+  take_blocks(r, stream, blocks);
   r->state->public.payload_nbytes += stream->payload_bits / 8;
   r->state->public.index_nbytes += blocks->nbytes - stream->payload_bits / 8;
   return SLF_OK;
@@ -380,19 +404,36 @@ static slf_file *new_file(const char *name) {
   return file;
 }
 
-slf_result slf_open_memory(const void *bytes, size_t nbytes, const char *name, slf_file **file,
-                           slf_error *error) {
-  *file = NULL;
-  slf_file *opened = new_file(name);
-  if (!opened) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", name);
-  opened->bytes = bytes;
-  opened->nbytes = nbytes;
-  slf_result result = read_all(opened, error);
+/* Reads what `opened` was given, if `result` is still well. */
+static slf_result finish_open(slf_file *opened, slf_result result, slf_file **file,
+                              slf_error *error) {
+  if (result == SLF_OK) result = read_all(opened, error);
   if (result == SLF_OK)
     *file = opened;
   else
     slf_close(opened);
   return result;
+}
+
+static slf_result open_memory(const void *bytes, size_t nbytes, const char *name, bool prefix,
+                              slf_file **file, slf_error *error) {
+  *file = NULL;
+  slf_file *opened = new_file(name);
+  if (!opened) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", name);
+  opened->bytes = bytes;
+  opened->nbytes = nbytes;
+  opened->prefix = prefix;
+  return finish_open(opened, SLF_OK, file, error);
+}
+
+slf_result slf_open_memory(const void *bytes, size_t nbytes, const char *name, slf_file **file,
+                           slf_error *error) {
+  return open_memory(bytes, nbytes, name, false, file, error);
+}
+
+slf_result slf_open_prefix_memory(const void *bytes, size_t nbytes, const char *name,
+                                  slf_file **file, slf_error *error) {
+  return open_memory(bytes, nbytes, name, true, file, error);
 }
 
 static slf_result map_file(slf_file *file, const char *path, slf_error *error) {
@@ -405,8 +446,10 @@ static slf_result map_file(slf_file *file, const char *path, slf_error *error) {
   } else if (!S_ISREG(status.st_mode)) {
     result = slf_fail(error, SLF_ERROR_IO, "%s: not a regular file", path);
   } else if (status.st_size < HEADER_NBYTES) {
-    result = slf_fail(error, SLF_ERROR_FORMAT, "%s: not a .slf file (%jd bytes)", path,
-                      (intmax_t)status.st_size);
+    file->nbytes = (uint64_t)status.st_size;
+    result = file->prefix ? needs_more(file, HEADER_NBYTES, error)
+                          : slf_fail(error, SLF_ERROR_FORMAT, "%s: not a .slf file (%jd bytes)",
+                                     path, (intmax_t)status.st_size);
   } else {
     void *bytes = mmap(NULL, (size_t)status.st_size, PROT_READ, MAP_PRIVATE, descriptor, 0);
     if (bytes == MAP_FAILED) {
@@ -421,17 +464,20 @@ static slf_result map_file(slf_file *file, const char *path, slf_error *error) {
   return result;
 }
 
-slf_result slf_open(const char *path, slf_file **file, slf_error *error) {
+static slf_result open_path(const char *path, bool prefix, slf_file **file, slf_error *error) {
   *file = NULL;
   slf_file *opened = new_file(path);
   if (!opened) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", path);
-  slf_result result = map_file(opened, path, error);
-  if (result == SLF_OK) result = read_all(opened, error);
-  if (result == SLF_OK)
-    *file = opened;
-  else
-    slf_close(opened);
-  return result;
+  opened->prefix = prefix;
+  return finish_open(opened, map_file(opened, path, error), file, error);
+}
+
+slf_result slf_open(const char *path, slf_file **file, slf_error *error) {
+  return open_path(path, false, file, error);
+}
+
+slf_result slf_open_prefix(const char *path, slf_file **file, slf_error *error) {
+  return open_path(path, true, file, error);
 }
 
 void slf_close(slf_file *file) {
@@ -528,6 +574,7 @@ static slf_result verify_layer(const slf_file *file, uint32_t surface_index, uin
 }
 
 slf_result slf_verify(const slf_file *file, slf_error *error) {
+  if (file->nbytes < file->whole_nbytes) return needs_more(file, file->whole_nbytes, error);
   for (uint32_t i = 0; i < file->chunk_count; i++) {
     slf_result result = check_crc(file, &file->chunks[i], error);
     if (result != SLF_OK) return result;

@@ -45,7 +45,8 @@ typedef enum {
   SLF_ERROR_FORMAT,   /* the bytes are not a .slf file of a known version */
   SLF_ERROR_CHECKSUM, /* a chunk's bytes are not the ones that were written */
   SLF_ERROR_MEMORY,   /* allocation failed */
-  SLF_ERROR_ARGUMENT  /* the caller asked for something that does not exist */
+  SLF_ERROR_ARGUMENT, /* the caller asked for something that does not exist */
+  SLF_ERROR_PARTIAL   /* of a file that is not all there: more bytes are needed for this */
 } slf_result;
 
 typedef struct {
@@ -172,6 +173,15 @@ slf_result slf_open_memory(const void *bytes, size_t nbytes, const char *name, s
                            slf_error *error);
 void slf_close(slf_file *file);
 
+/* The same for the first bytes of a file that is still to come, or never will. A file begins with
+ * all but the C-Blocks: as long as those bytes are not there, SLF_ERROR_PARTIAL. Then come the
+ * means of all layers, the keys, and the rest in the order of the slices. A block that is not there
+ * yet decodes to the nearest key's, or to the mean over all directions, or to gray: open the file
+ * again when more of it has come. */
+slf_result slf_open_prefix(const char *path, slf_file **file, slf_error *error);
+slf_result slf_open_prefix_memory(const void *bytes, size_t nbytes, const char *name,
+                                  slf_file **file, slf_error *error);
+
 /* Checks every checksum of the file and that every C-Block parses. */
 slf_result slf_verify(const slf_file *file, slf_error *error);
 
@@ -181,13 +191,18 @@ const slf_surface *slf_get_surface(const slf_file *file, uint32_t surface_index)
 uint32_t slf_view_count(const slf_file *file);
 const slf_view *slf_get_view(const slf_file *file, uint32_t view_index);
 void slf_get_background(const slf_file *file, float linear_rgb[3]);
-uint64_t slf_file_nbytes(const slf_file *file);
+uint64_t slf_file_nbytes(const slf_file *file); /* of a prefix, those that are there */
 
 /* The address of a block. Indices of slices that do not exist, or out of range, decode to zeros. */
 typedef struct {
   uint16_t s, t;             /* slice */
   uint16_t block_u, block_v; /* block within the slice */
 } slf_block_address;
+
+/* Whether a block exists and is there, and so decodes to itself: false is a wait only in a prefix.
+ */
+bool slf_has_block(const slf_file *file, uint32_t surface_index, uint32_t layer_index,
+                   slf_block_address address);
 
 /* Decompresses one block into SLF_BLOCK_NBYTES at u_block: sRGB codes (of
  * SLF_CURVE_DWA, of the radiance clamped to [0,1]). Texels beyond the edge of the slice repeat

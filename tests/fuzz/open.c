@@ -1,5 +1,5 @@
-/* Any bytes as a file: refused, or verified and decoded somewhere. Checksums are set right first,
- * or nothing would get past them. */
+/* Any bytes as a file, and their first part as a prefix: refused, or verified and decoded
+ * somewhere. Checksums are set right first, or nothing would get past them. */
 #include "codec/format.h"
 
 #include <stdlib.h>
@@ -34,6 +34,18 @@ static void decode_some(const slf_file *file, uint32_t surface, uint32_t layer_i
   }
 }
 
+static void decode_prefix(const uint8_t *bytes, size_t nbytes) {
+  uint8_t *copy = malloc(nbytes + 1);
+  slf_file *file;
+  slf_error error;
+  memcpy(copy, bytes, nbytes);
+  if (slf_open_prefix_memory(copy, nbytes, "fuzz", &file, &error) == SLF_OK)
+    for (uint32_t i = 0; i < slf_surface_count(file); i++)
+      for (uint32_t k = 0; k < slf_get_surface(file, i)->layer_count; k++) decode_some(file, i, k);
+  slf_close(file);
+  free(copy);
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t nbytes);
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t nbytes) {
   uint8_t *copy = malloc(nbytes + 1);
@@ -47,6 +59,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t nbytes) {
     if (slf_file_nbytes(file) < 4096) slf_verify(file, &error);
   }
   slf_close(file);
+  if (nbytes) decode_prefix(copy, nbytes * bytes[nbytes - 1] / 255);
   free(copy);
   return 0;
 }
