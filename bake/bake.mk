@@ -14,8 +14,8 @@
 # Files that others depend on (surface.txt, rays, cover, choice, look) keep their time when they come out the
 # same: only what changed is baked again.
 
-BAKE_PROGRAMS := $(addprefix $(OUT)/bake/,plan camera ray_scene ray_table find_cover choose gather layers pack progress)
-BAKE_OBJECTS := $(addprefix $(OBJ)/bake/,surface.o frame.o cover.o probe.o sample.o image.o fail.o)
+BAKE_PROGRAMS := $(addprefix $(OUT)/bake/,plan camera ray_scene ray_table find_cover choose match gather layers pack progress)
+BAKE_OBJECTS := $(addprefix $(OBJ)/bake/,surface.o frame.o texel_frame.o cover.o probe.o fog.o sample.o image.o fail.o)
 $(OBJ)/bake/%.o: PKG_CFLAGS = $(shell pkg-config --cflags OpenEXR)
 
 all: $(BAKE_PROGRAMS)
@@ -89,7 +89,7 @@ $(BAKE_DIR)/look.made: $(BAKE_FILES) $(BAKE_DIR)/options.mk
 
 # Radiosity and photons, computed once. Whatever sees the scene reads them.
 LIGHT := $(if $(BAKE_LIGHT),$(BAKE_DIR)/light.made)
-$(LIGHT): $(BAKE_DIR)/look $(COVERS:%cover=%surface.txt) bake/camera.c bake/sample.c bake/frame.c | $(RAY_TABLES) $(COVERS)
+$(LIGHT): $(BAKE_DIR)/look $(COVERS:%cover=%surface.txt) bake/camera.c bake/sample.c bake/frame.c bake/texel_frame.c | $(RAY_TABLES) $(COVERS)
 	@bake/trace light '$(notdir $(patsubst %/,%,$(dir $(COVERS))))' $@
 
 $(RAY_PARTS): $(BAKE_DIR)/scene.txt bake/sample.c
@@ -97,17 +97,17 @@ $(RAY_PARTS): $(BAKE_DIR)/scene.txt bake/sample.c
 $(addsuffix .made,$(RAY_TABLES)):
 	@cat $^ > $(@D)/rays.part
 	$(call keep_if_same,$(@D)/rays)
-$(addsuffix .made,$(COVERS)): $(BAKE_DIR)/look bake/camera.c bake/sample.c bake/frame.c
+$(addsuffix .made,$(COVERS)): $(BAKE_DIR)/look bake/camera.c bake/sample.c bake/frame.c bake/texel_frame.c
 	@bake/trace cover $(notdir $(@D)) $(@D)/cover.part
 	$(call keep_if_same,$(@D)/cover)
-$(addsuffix .made,$(CHOICES)): $(LIGHT) $(BAKE_DIR)/look bake/camera.c bake/sample.c bake/frame.c bake/probe.c
+$(addsuffix .made,$(CHOICES)): $(LIGHT) $(BAKE_DIR)/look $(addprefix bake/,camera.c frame.c texel_frame.c sample.c probe.c choose.c match.c fog.c)
 	@bake/trace choice $(notdir $(@D)) $(@D)/choice.part
 	$(call keep_if_same,$(@D)/choice)
 
 $(COSTS): $(BAKE_DIR)/look | $(LIGHT) $(RAY_TABLES)
 	@bake/trace cost $(notdir $(@D)) $@
 
-$(CHUNKS): $(LIGHT) $(BAKE_DIR)/look $(addprefix bake/,camera.c frame.c surface.c cover.c sample.c layers.c image.c) | bake-begins
+$(CHUNKS): $(LIGHT) $(BAKE_DIR)/look $(addprefix bake/,camera.c frame.c texel_frame.c surface.c cover.c sample.c layers.c fog.c image.c) | bake-begins
 	$(if $(BAKE_LIST),$(info $@),@bake/trace chunk $(notdir $(@D)) $(basename $(notdir $@)) $@)
 	$(if $(BAKE_LIST)$(FARM_TASK),,@$(BAKE_BIN)/progress report $(BAKE_DIR) $(BAKE_RAYS))
 .PHONY: bake-begins bake-ready bake-chunks

@@ -18,20 +18,21 @@
 #include "frame.h"
 #include "probe.h"
 #include "sample.h"
-
-typedef struct {
-  double position[3], normal[3], tangent_u[3], tangent_v[3];
-} frame;
+#include "texel_frame.h"
 
 /* What the camera sees: some texels of a surface from a list of views. */
 typedef struct {
   const surface *self;
   texel_grid grid;
   view_list views;
-  double reach;            /* rays end there; 0: nowhere */
-  bool apart;              /* each ray of a curved surface's sample has an image of its own */
-  const float *table;      /* frames of all rays of all texels, 12 numbers each: curved only */
+  bool planar;        /* seen by tiles; else by faces */
+  double reach;       /* rays end there; 0: nowhere */
+  bool apart;         /* each ray of a curved surface's sample has an image of its own */
+  const float *table; /* texel_frame.h */
+  uint32_t table_rays;
   const uint32_t *sources; /* which ray to take for which (cover.h); NULL: itself */
+  const uint32_t
+      *places; /* which texel to take in each view for each of the grid's; NULL: itself */
 } shot;
 
 static void add_scaled(double sum[3], const double vector[3], double scale) {
@@ -42,23 +43,6 @@ static double normalise(double vector[3]) {
   double length = sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]);
   for (int i = 0; i < 3; i++) vector[i] /= length;
   return length;
-}
-
-/* The direction of a frame for eq. 1's (s, t, n), in scene coordinates. */
-static void to_scene(const frame *at, const double stn[3], double direction[3]) {
-  memset(direction, 0, 3 * sizeof *direction);
-  add_scaled(direction, at->tangent_u, stn[0]);
-  add_scaled(direction, at->tangent_v, stn[1]);
-  add_scaled(direction, at->normal, stn[2]);
-}
-
-static void frame_of_vertex(const slf_vertex *vertex, frame *out) {
-  for (int i = 0; i < 3; i++) {
-    out->normal[i] = vertex->normal[i];
-    out->tangent_u[i] = vertex->tangent_u[i];
-    out->tangent_v[i] = vertex->tangent_v[i];
-  }
-  normalise(out->normal), normalise(out->tangent_u), normalise(out->tangent_v);
 }
 
 /* A tile is one triangle, half of a parallelogram twice the tile's size: it reaches from the tile's
@@ -118,21 +102,20 @@ static void write_planar_camera(const shot *self, uint32_t width, uint32_t heigh
   double uv[SAMPLE_MAX_RAYS][2], direction[3];
   double start = surface_ray_start(self->self);
   sample_texel_offsets(rays, uv);
-  frame at;
-  frame_of_vertex(&self->self->vertices[0], &at);
+  texel_frame at = texel_frame_of_ray(self->self, NULL, 0);
 
   printf("#declare Slf_Tiles = mesh2 {\nvertex_vectors { %u\n", 3 * tile_count);
   if (fogged) write_first_tile(self->self, at.normal);
   for (uint32_t i = 0; i < place_count; i++) {
     if (!tile_in_list(i, columns, view_tile_count, &tile)) continue;
-    to_scene(&at, self->views.stn[tile], direction);
+    texel_frame_to_scene(&at, self->views.stn[tile], direction);
     write_tile_vertices(self, uv[tile % rays], direction, start);
   }
   printf("}\nnormal_vectors { %u\n", tile_count);
   if (fogged) printf("<%.10g,%.10g,%.10g>\n", -at.normal[0], -at.normal[1], -at.normal[2]);
   for (uint32_t i = 0; i < place_count; i++) {
     if (!tile_in_list(i, columns, view_tile_count, &tile)) continue;
-    to_scene(&at, self->views.stn[tile], direction);
+    texel_frame_to_scene(&at, self->views.stn[tile], direction);
     printf("<%.10g,%.10g,%.10g>\n", -direction[0], -direction[1], -direction[2]);
   }
   printf("}\nuv_vectors { %u\n", 3 * tile_count);
@@ -220,43 +203,26 @@ static void write_face(const lattice *on, const double origin[3], const double d
   for (int corner = 0; corner < 3; corner++) write_integers(vertices[corner]);
 }
 
-/* The frames of all rays of all texels: texel by texel, its rays together, as floats. */
-static float *read_rays(const char *folder, const surface *self, uint32_t rays) {
-  char *path = format_text("%s/%s/rays", folder, self->name);
-  size_t count = (size_t)self->u_count * self->v_count * rays * 12;
-  float *values = allocate(count, sizeof *values, path);
-  FILE *file = fopen(path, "rb");
-  if (!file) fail("%s: cannot be read", path);
-  if (fread(values, sizeof *values, count, file) != count || fgetc(file) != EOF)
-    fail("%s: expected %zu numbers", path, count);
-  fclose(file);
-  free(path);
-  return values;
-}
-
-/* Ray m of texel i of the grid. */
-static void frame_of_ray(const shot *self, size_t i, uint32_t m, frame *out) {
+/* Ray m of texel i of the grid, in a view. */
+static texel_frame frame_of_ray(const shot *self, uint32_t view, size_t i, uint32_t m) {
   const texel_grid *grid = &self->grid;
+  uint32_t rays = self->views.rays;
   size_t u = grid->u_first + i % grid->u_count * grid->u_step;
   size_t v = grid->v_first + i / grid->u_count * grid->v_step;
-  size_t ray = (v * self->self->u_count + u) * self->views.rays + m;
+  size_t texel = v * self->self->u_count + u;
+  if (self->places) texel = self->places[(size_t)view * grid->u_count * grid->v_count + i];
+  size_t ray = texel * rays + m;
   if (self->sources) ray = self->sources[ray];
-  const float *values = self->table + ray * 12;
-  for (int axis = 0; axis < 3; axis++) {
-    out->position[axis] = values[axis];
-    out->normal[axis] = values[3 + axis];
-    out->tangent_u[axis] = values[6 + axis];
-    out->tangent_v[axis] = values[9 + axis];
-  }
+  return rays == 1 ? texel_frame_of_centre(self->self, self->table, self->table_rays, ray)
+                   : texel_frame_of_ray(self->self, self->table, ray);
 }
 
 static void write_view_faces(const shot *self, const lattice *on, uint32_t view, uint32_t m,
                              double start) {
   for (size_t i = 0; i < (size_t)self->grid.u_count * self->grid.v_count; i++) {
-    frame at;
+    texel_frame at = frame_of_ray(self, view, i, m);
     double direction[3];
-    frame_of_ray(self, i, m, &at);
-    to_scene(&at, self->views.stn[view * self->views.rays + m], direction);
+    texel_frame_to_scene(&at, self->views.stn[view * self->views.rays + m], direction);
     normalise(direction);
     add_scaled(at.position, direction, start);
     write_face(on, at.position, direction);
@@ -291,26 +257,33 @@ static void write_curved_camera(const shot *self) {
 
 int main(int argc, char **argv) {
   if (argc != 6 && argc != 8) {
-    fputs("usage: camera FOLDER SURFACE RAYS SCENE.pov CHUNK|cover|light|probe|cost [FOG_DISTANCE "
-          "FOG_GREY]"
-          " > OUT.pov\n",
+    fputs("usage: camera FOLDER SURFACE RAYS SCENE.pov CHUNK|cover|light|probe|tests|match|cost "
+          "[FOG_DISTANCE FOG_GREY] > OUT.pov\n",
           stderr);
     return 2;
   }
   const char *folder = argv[1], *what = argv[5];
   surface *on = surface_read(folder, argv[2]);
-  uint32_t rays = surface_rays(on, (uint32_t)atoi(argv[3])), hole_count, width, height;
-  shot self = {.self = on, .grid = grid_of_all(on)};
-  float *table = on->planar ? NULL : read_rays(folder, on, rays);
-  uint32_t *sources = NULL;
+  uint32_t table_rays = surface_table_rays(on, (uint32_t)atoi(argv[3]));
+  uint32_t rays = table_rays, hole_count, width, height;
+  if (strspn(what, "0123456789") == strlen(what)) rays = surface_rays(on, (uint32_t)atoi(argv[3]));
+  if (!strcmp(what, "tests") || !strcmp(what, "match")) rays = 1;
+  shot self = {.self = on, .grid = grid_of_all(on), .planar = on->planar, .table_rays = table_rays};
+  float *table = texel_frames_read(folder, on, table_rays);
+  uint32_t *sources = NULL, *places = NULL;
   if (!strcmp(what, "cover")) {
     self.views = views_of_cover(rays);
     self.reach = COVER_REACH * surface_ray_start(on);
     self.apart = true;
   } else {
-    sources = cover_sources(folder, on, rays, &hole_count);
+    sources = cover_sources(folder, on, table_rays, rays, &hole_count);
     if (!strcmp(what, "probe"))
       self.views = probe_views(rays), self.grid = probe_grid(on);
+    else if (!strcmp(what, "tests"))
+      self.views = light_views(on, rays), self.grid = probe_grid(on);
+    else if (!strcmp(what, "match"))
+      self.views = match_views(), self.grid = probe_grid(on), self.planar = false,
+      places = match_places_read(folder, on);
     else if (!strcmp(what, "light"))
       self.views = light_views(on, rays), self.grid = light_grid(on);
     else if (!strcmp(what, "cost"))
@@ -320,19 +293,21 @@ int main(int argc, char **argv) {
   }
   self.table = table;
   self.sources = sources;
+  self.places = places;
 
   /* The size of the frame, for whoever calls POV-Ray, and the number of its rays. */
-  frame_size(on, self.grid, &self.views, self.apart, &width, &height);
+  frame_size(self.planar, self.grid, &self.views, self.apart, &width, &height);
   printf("// +W%u +H%u\n// %u\n#version 3.7;\n#declare Slf_Pass = %d;\n", width, height,
          self.grid.u_count * self.grid.v_count * self.views.view_count * rays,
          strcmp(what, "light") ? 3 : 4);
   printf("#declare Slf_Photon_Map = \"%s/light.photons\";\n#include \"%s\"\n", folder, argv[4]);
   if (argc == 8) printf("fog { fog_type 1 distance %s rgb %s }\n", argv[6], argv[7]);
-  if (on->planar)
+  if (self.planar)
     write_planar_camera(&self, width, height, argc == 8);
   else
     write_curved_camera(&self);
   free(self.views.stn);
+  free(places);
   free(sources);
   free(table);
   surface_free(on);

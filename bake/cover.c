@@ -6,13 +6,17 @@
 
 #include "fail.h"
 
-static uint8_t *read_cover(const char *folder, const surface *self, size_t count) {
+static uint8_t *read_cover(const char *folder, const surface *self, uint32_t table_rays,
+                           uint32_t rays) {
   char *path = format_text("%s/%s/cover", folder, self->name);
+  size_t texel_count = (size_t)self->u_count * self->v_count, count = texel_count * table_rays;
   uint8_t *cover = allocate(count, 1, path);
   FILE *file = fopen(path, "rb");
   if (!file || fread(cover, 1, count, file) != count) fail("%s: expected %zu bytes", path, count);
   fclose(file);
   free(path);
+  for (size_t texel = 0; texel < texel_count && rays < table_rays; texel++)
+    cover[texel] = cover[texel * table_rays + table_rays / 2];
   return cover;
 }
 
@@ -61,10 +65,10 @@ static uint32_t *nearest_covered(const surface *self, const uint8_t *cover, uint
   return nearest;
 }
 
-uint32_t *cover_sources(const char *folder, const surface *self, uint32_t rays,
+uint32_t *cover_sources(const char *folder, const surface *self, uint32_t table_rays, uint32_t rays,
                         uint32_t *hole_count) {
   size_t texel_count = (size_t)self->u_count * self->v_count;
-  uint8_t *cover = read_cover(folder, self, texel_count * rays);
+  uint8_t *cover = read_cover(folder, self, table_rays, rays);
   *hole_count = 0;
   uint32_t *sources = NULL;
   if (memchr(cover, 0, texel_count * rays)) {

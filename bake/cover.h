@@ -14,7 +14,9 @@
 /* Reads FOLDER/NAME/cover: for each texel, for each ray, 1 or 0; from it, for each ray of each
  * texel the one to take in its place, texel x rays + ray: itself if it covers, else one of the same
  * texel, else one of the nearest texel that has any. *hole_count receives the texels that have
- * none. Returns NULL where every ray covers; else the caller frees the list. */
-uint32_t *cover_sources(const char *folder, const surface *, uint32_t rays, uint32_t *hole_count);
+ * none. Returns NULL where every ray covers; else the caller frees the list. The file has
+ * table_rays a texel, of which one, the middle one, is asked for where rays is 1. */
+uint32_t *cover_sources(const char *folder, const surface *, uint32_t table_rays, uint32_t rays,
+                        uint32_t *hole_count);
 
 #endif

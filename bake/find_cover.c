@@ -14,9 +14,9 @@ int main(int argc, char **argv) {
     return 2;
   }
   surface *self = surface_read(argv[1], argv[2]);
-  uint32_t rays = surface_rays(self, (uint32_t)atoi(argv[3])), width, height;
+  uint32_t rays = surface_table_rays(self, (uint32_t)atoi(argv[3])), width, height;
   view_list views = views_of_cover(rays);
-  frame_size(self, grid_of_all(self), &views, 1, &width, &height);
+  frame_size(self->planar, grid_of_all(self), &views, true, &width, &height);
   image *frame = image_open(argv[4]);
   if (image_width(frame) != width || image_height(frame) != height)
     fail("%s: %u x %u pixels, expected %u x %u", argv[4], image_width(frame), image_height(frame),
@@ -27,7 +27,7 @@ int main(int argc, char **argv) {
   image_read_rows(frame, "A", 1, height - 1, alpha);
   for (uint32_t m = 0; m < rays; m++) {
     uint32_t column, row;
-    frame_tile(self, grid_of_all(self), rays, 0, m, &column, &row);
+    frame_tile(self->planar, grid_of_all(self), rays, 0, m, &column, &row);
     for (size_t texel = 0; texel < texel_count; texel++) {
       size_t i = column + texel % self->u_count, j = row + texel / self->u_count;
       cover[texel * rays + m] = alpha[j * width + i] > 0.5f;

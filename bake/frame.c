@@ -51,29 +51,29 @@ view_list views_of_cover(uint32_t rays) {
  * through all of those that a pixel's tenths share. */
 static const uint32_t tile_columns = 10;
 
-void frame_size(const surface *self, texel_grid grid, const view_list *views, int apart,
-                uint32_t *width, uint32_t *height) {
-  uint32_t image_count = views->view_count * (apart || self->planar ? views->rays : 1);
-  uint32_t columns = self->planar ? tile_columns : 1;
+void frame_size(bool planar, texel_grid grid, const view_list *views, bool apart, uint32_t *width,
+                uint32_t *height) {
+  uint32_t image_count = views->view_count * (apart || planar ? views->rays : 1);
+  uint32_t columns = planar ? tile_columns : 1;
   if (columns > image_count) columns = image_count;
-  *width = grid.u_count * columns + self->planar;
+  *width = grid.u_count * columns + planar;
   *height = grid.v_count * ((image_count + columns - 1) / columns) + 1;
 }
 
-void frame_tile(const surface *self, texel_grid grid, uint32_t rays, uint32_t view, uint32_t m,
+void frame_tile(bool planar, texel_grid grid, uint32_t rays, uint32_t view, uint32_t m,
                 uint32_t *column, uint32_t *row) {
-  uint32_t tile = view * rays + m, columns = self->planar ? tile_columns : 1;
+  uint32_t tile = view * rays + m, columns = planar ? tile_columns : 1;
   *column = tile % columns * grid.u_count;
   *row = tile / columns * grid.v_count;
 }
 
 /* The mean over a sample's rays, or over those that stand in for rays that miss the surface. */
-static void mean_of_tiles(const surface *self, const float *pixels, uint32_t width, texel_grid grid,
-                          uint32_t view, uint32_t rays, const uint32_t *sources, float *rgb) {
+static void mean_of_tiles(const float *pixels, uint32_t width, texel_grid grid, uint32_t view,
+                          uint32_t rays, const uint32_t *sources, float *rgb) {
   const float *tiles[SAMPLE_MAX_RAYS];
   for (uint32_t m = 0; m < rays; m++) {
     uint32_t column, row;
-    frame_tile(self, grid, rays, view, m, &column, &row);
+    frame_tile(true, grid, rays, view, m, &column, &row);
     tiles[m] = pixels + ((size_t)row * width + column) * 3;
   }
   for (uint32_t texel = 0; texel < grid.u_count * grid.v_count; texel++) {
@@ -89,10 +89,10 @@ static void mean_of_tiles(const surface *self, const float *pixels, uint32_t wid
   }
 }
 
-float *frame_read_means(const char *path, const surface *self, texel_grid grid,
-                        const view_list *views, const uint32_t *sources) {
+float *frame_read_means(const char *path, bool planar, texel_grid grid, const view_list *views,
+                        const uint32_t *sources) {
   uint32_t width, height;
-  frame_size(self, grid, views, 0, &width, &height);
+  frame_size(planar, grid, views, false, &width, &height);
   image *frame = image_open(path);
   if (image_width(frame) != width || image_height(frame) != height)
     fail("%s: %u x %u pixels, expected %u x %u", path, image_width(frame), image_height(frame),
@@ -101,11 +101,11 @@ float *frame_read_means(const char *path, const surface *self, texel_grid grid,
   image_read_rows(frame, "RGB", 1, height - 1, pixels);
   image_close(frame);
   /* A curved surface's images are means already, one below the other. */
-  if (!self->planar) return pixels;
+  if (!planar) return pixels;
   size_t view_size = (size_t)grid.u_count * grid.v_count * 3;
   float *means = allocate(view_size * views->view_count, sizeof *means, path);
   for (uint32_t view = 0; view < views->view_count; view++)
-    mean_of_tiles(self, pixels, width, grid, view, views->rays, sources, means + view * view_size);
+    mean_of_tiles(pixels, width, grid, view, views->rays, sources, means + view * view_size);
   free(pixels);
   return means;
 }

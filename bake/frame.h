@@ -35,18 +35,19 @@ view_list views_of_cover(uint32_t rays);
  * view. A matte surface is seen along its normal. */
 void view_of_slice(uint32_t s_count, uint32_t t_count, slice at, uint32_t rays, double (*stn)[3]);
 
-/* Size of the frame; `apart`: each ray of a curved surface has an image of its own. */
-void frame_size(const surface *, texel_grid, const view_list *, int apart, uint32_t *width,
+/* Size of the frame, of tiles if it is planar; `apart`: each ray of a curved surface has an image
+ * of its own. */
+void frame_size(bool planar, texel_grid, const view_list *, bool apart, uint32_t *width,
                 uint32_t *height);
 
 /* Column and row (from the first that counts) of the tile or image of ray m of a view. */
-void frame_tile(const surface *, texel_grid, uint32_t rays, uint32_t view, uint32_t m,
-                uint32_t *column, uint32_t *row);
+void frame_tile(bool planar, texel_grid, uint32_t rays, uint32_t view, uint32_t m, uint32_t *column,
+                uint32_t *row);
 
 /* The mean radiance of every texel of every view: view_count x v_count x u_count x 3, for the
  * caller to free. sources (cover.h) may be NULL; a curved surface's camera has heeded them already.
  * A frame of another size ends the program. */
-float *frame_read_means(const char *path, const surface *, texel_grid, const view_list *,
+float *frame_read_means(const char *path, bool planar, texel_grid, const view_list *,
                         const uint32_t *sources);
 
 #endif

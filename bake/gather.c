@@ -22,13 +22,14 @@ int main(int argc, char **argv) {
     return 2;
   }
   surface *self = surface_read(argv[1], argv[2]);
-  uint32_t rays = surface_rays(self, (uint32_t)atoi(argv[3])), chunk = (uint32_t)atoi(argv[4]),
-           slice_count, hole_count;
+  uint32_t asked_rays = (uint32_t)atoi(argv[3]), rays = surface_rays(self, asked_rays);
+  uint32_t chunk = (uint32_t)atoi(argv[4]), slice_count, hole_count;
   slice *slices = surface_slices(self, &slice_count);
   uint32_t first = surface_chunk(self, rays, chunk).first;
   view_list views = views_of_chunk(self, rays, chunk);
-  uint32_t *sources = cover_sources(argv[1], self, rays, &hole_count);
-  float *means = frame_read_means(argv[5], self, grid_of_all(self), &views, sources);
+  uint32_t *sources =
+      cover_sources(argv[1], self, surface_table_rays(self, asked_rays), rays, &hole_count);
+  float *means = frame_read_means(argv[5], self->planar, grid_of_all(self), &views, sources);
   for (uint32_t i = 0; i < views.view_count; i++)
     check_finite(self, slices[first + i], means + (size_t)i * self->u_count * self->v_count * 3,
                  argv[5]);

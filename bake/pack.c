@@ -128,9 +128,10 @@ static void write_geometry(const surface *self) {
   free(triangles);
 }
 
-static void report_holes(const char *folder, const surface *self, uint32_t rays) {
+static void report_holes(const char *folder, const surface *self, uint32_t asked_rays) {
   uint32_t hole_count;
-  free(cover_sources(folder, self, rays, &hole_count));
+  free(cover_sources(folder, self, surface_table_rays(self, asked_rays),
+                     surface_rays(self, asked_rays), &hole_count));
   if (hole_count)
     fprintf(stderr,
             "bake: surface '%s': %u of %u texels have no surface behind them: filled from their "
@@ -200,7 +201,7 @@ int main(int argc, char **argv) {
   for (uint32_t i = 0; i < whole->surface_count; i++) {
     uint32_t rays = surface_rays(&whole->surfaces[i], asked_rays);
     write_geometry(&whole->surfaces[i]);
-    report_holes(folder, &whole->surfaces[i], rays);
+    report_holes(folder, &whole->surfaces[i], asked_rays);
     if (!surface_has_layers(&whole->surfaces[i])) {
       write_layer(folder, &whole->surfaces[i], rays, SLF_ROLE_FULL);
       continue;

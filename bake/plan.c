@@ -48,7 +48,8 @@ static bool is_scene_line(const char *line) {
   return false;
 }
 
-/* The lines of the description from "surface NAME" to the next line that is not the surface's. */
+/* The lines of the description from "surface NAME" to the next line that is not the surface's; what
+ * else its choice depends on. */
 static void write_surface(const char *folder, const surface *self, const char *text) {
   char *head = format_text("surface %s ", self->name);
   char *path = format_text("%s/%s", folder, self->name);
@@ -59,7 +60,11 @@ static void write_surface(const char *folder, const surface *self, const char *t
     end = end ? end + 1 : begin + strlen(begin);
   } while (*end && !is_scene_line(end));
   if (mkdir(path, 0777) && errno != EEXIST) fail("%s: cannot be made: %s", path, strerror(errno));
-  write_text_if_changed(file, begin, (size_t)(end - begin));
+  char *own = format_text(
+      "%.*s%s%s%s", (int)(end - begin), begin, self->auto_layers && self->hdr ? "hdr " : "",
+      self->auto_layers && self->hdr ? self->name : "", self->auto_layers && self->hdr ? "\n" : "");
+  write_text_if_changed(file, own, strlen(own));
+  free(own);
   free(file);
   free(path);
   free(head);
@@ -117,7 +122,7 @@ int main(int argc, char **argv) {
     const surface *self = &whole->surfaces[i];
     if (!strcmp(argv[1], "surfaces")) {
       write_surface(folder, self, text);
-      write_preparations(stdout, folder, self, surface_rays(self, rays));
+      write_preparations(stdout, folder, self, surface_table_rays(self, rays));
     } else {
       write_chunks(stdout, folder, self, surface_rays(self, rays));
     }

@@ -1,6 +1,8 @@
 #include "probe.h"
 
 #include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "fail.h"
@@ -69,7 +71,8 @@ static double (*write_tests(uint32_t test_count, uint32_t rays, double (*next)[3
 }
 
 view_list light_views(const surface *self, uint32_t rays) {
-  uint32_t test_count = self->s_count == 1 && self->t_count == 1 ? 0 : PROBE_TEST_COUNT;
+  bool matte = self->s_count == 1 && self->t_count == 1 && !self->auto_error;
+  uint32_t test_count = matte ? 0 : PROBE_TEST_COUNT;
   view_list views = {1 + test_count, rays,
                      allocate((size_t)(1 + test_count) * rays, sizeof *views.stn, "light")};
   write_tests(test_count, rays, views.stn);
@@ -90,4 +93,48 @@ view_list probe_views(uint32_t rays) {
     }
   }
   return views;
+}
+
+static double displayed(double linear) {
+  if (linear <= 0.0031308) return linear <= 0 ? 0 : 12.92 * linear;
+  return linear >= 1 ? 1 : 1.055 * pow(linear, 1 / 2.4) - 0.055;
+}
+
+double probe_error(const float *truth, size_t size, const float *const *views,
+                   const double *weights, int count) {
+  double sum = 0;
+  for (size_t i = 0; i < size; i++) {
+    double mix = 0;
+    for (int k = 0; k < count; k++) mix += weights[k] * views[k][i];
+    double difference = displayed(mix) - displayed(truth[i]);
+    sum += difference * difference;
+  }
+  return sqrt(sum / (double)size);
+}
+
+view_list match_views(void) {
+  view_list views = {2 * MATCH_COUNT, 1, allocate(2 * MATCH_COUNT, sizeof *views.stn, "match")};
+  for (uint32_t i = 0; i < 2 * MATCH_COUNT; i++) {
+    slice slices[4];
+    double weights[4];
+    probe_mix(MATCH_DIRECTIONS, i % MATCH_COUNT / 4, slices, weights);
+    slf_direction((slices[i % 4].s + 0.5) / MATCH_DIRECTIONS,
+                  (slices[i % 4].t + 0.5) / MATCH_DIRECTIONS, SLF_BAKED_N_MIN, views.stn[i]);
+  }
+  return views;
+}
+
+uint32_t *match_places_read(const char *folder, const surface *self) {
+  char *path = format_text("%s/%s/places", folder, self->name);
+  texel_grid grid = probe_grid(self);
+  size_t count = (size_t)grid.u_count * grid.v_count * 2 * MATCH_COUNT;
+  uint32_t *places = allocate(count, sizeof *places, path);
+  FILE *file = fopen(path, "r");
+  if (!file) fail("%s: cannot be read", path);
+  for (size_t i = 0; i < count; i++)
+    if (fscanf(file, "%u", &places[i]) != 1 || places[i] >= self->u_count * self->v_count)
+      fail("%s: expected %zu texels of %u", path, count, self->u_count * self->v_count);
+  fclose(file);
+  free(path);
+  return places;
 }

@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "fail.h"
+#include "fog.h"
 #include "surface.h"
 
 /* Writing and reading a ray of a curved surface's camera, a face of a mesh, takes about this long.
@@ -52,6 +53,7 @@ static void add_surface(tally *sum, const char *folder, const surface *self, uin
   cost_us = number_in(path, "cost", cost_us);
   free(path);
   uint64_t slice_rays = (uint64_t)self->u_count * self->v_count * rays;
+  if (surface_has_layers(self)) slice_rays *= 1 + FOG_COUNT;
   uint32_t slice_count, chunk_count = surface_chunk_count(self, rays);
   free(surface_slices(self, &slice_count));
   if (self->s_count * self->t_count > 1) {
@@ -59,7 +61,8 @@ static void add_surface(tally *sum, const char *folder, const surface *self, uin
     sum->samples += texels * self->s_count * self->t_count;
     sum->samples_outside += texels * (self->s_count * self->t_count - slice_count);
   }
-  sum->nbytes += (uint64_t)self->u_count * self->v_count * slice_count * 6;
+  sum->nbytes += (uint64_t)self->u_count * self->v_count * slice_count * 6 *
+                 (surface_has_layers(self) ? 3 : 1);
   for (uint32_t i = 0; i < chunk_count; i++) {
     uint64_t chunk_rays = slice_rays * surface_chunk(self, rays, i).count;
     path = format_text("%s/%s/%04u.exr", folder, self->name, i);

@@ -24,10 +24,11 @@ void sample_texel_offsets(uint32_t rays, double (*uv)[2]) {
   uint64_t state = 1;
   for (uint32_t a = 0; a < p; a++) {
     for (uint32_t b = 0; b < p; b++) {
-      uv[a * p + b][0] = p == 1 ? 0.5 : (a + next_random(&state)) / p;
-      uv[a * p + b][1] = p == 1 ? 0.5 : (b + next_random(&state)) / p;
+      uv[a * p + b][0] = (a + next_random(&state)) / p;
+      uv[a * p + b][1] = (b + next_random(&state)) / p;
     }
   }
+  uv[rays / 2][0] = uv[rays / 2][1] = 0.5;
 }
 
 void sample_cell_offsets(uint32_t rays, uint32_t s_index, uint32_t t_index, double (*st)[2]) {

@@ -17,8 +17,8 @@ enum { SAMPLE_MAX_RAYS = 121 };
 bool sample_count_is_valid(uint32_t rays);
 
 /* Offsets of the rays within the texel, in (0,1) of a texel: the same for all texels, slices and
- * surfaces, so that what does not depend on direction comes out equal in every slice. One ray
- * goes to the centre. uv has room for `rays` pairs. */
+ * surfaces, so that what does not depend on direction comes out equal in every slice. The middle
+ * one, number rays / 2, starts from the centre. uv has room for `rays` pairs. */
 void sample_texel_offsets(uint32_t rays, double (*uv)[2]);
 
 /* Offsets of the same rays within the cell of directions (s_index, t_index), in (0,1) of a cell.

@@ -82,8 +82,10 @@ static scene *read_description(const char *path) {
       if (fscanf(file, "%lf", &last->layers) != 1 || !(last->layers > 0))
         fail("%s: surface '%s': layers: expected a distance above 0", path, last->name);
     } else if (!strcmp(word, "auto") && last) {
-      if (fscanf(file, "%lf", &last->auto_error) != 1 || !(last->auto_error > 0))
-        fail("%s: surface '%s': auto: expected an error above 0", path, last->name);
+      int layers;
+      if (fscanf(file, "%lf %d", &last->auto_error, &layers) != 2 || !(last->auto_error > 0))
+        fail("%s: surface '%s': auto: expected an error above 0, and 0 or 1", path, last->name);
+      last->auto_layers = layers;
     } else if (!strcmp(word, "planar") && last) {
       last->planar = true;
       if (!read_vector(file, last->corner) || !read_vector(file, last->edge_u) ||
@@ -123,8 +125,10 @@ static void read_choice(const char *folder, surface *self) {
   char *path = format_text("%s/%s/choice", folder, self->name);
   FILE *file = fopen(path, "r");
   if (file) {
-    if (fscanf(file, "%u %u", &self->s_count, &self->t_count) != 2)
+    double layers = 0;
+    if (fscanf(file, "%u %u %lf", &self->s_count, &self->t_count, &layers) < 2)
       fail("%s: expected two numbers of directions", path);
+    if (layers > 0) self->layers = layers, self->layers_are_chosen = true;
     fclose(file);
   }
   free(path);
@@ -135,7 +139,8 @@ scene *scene_read(const char *folder) {
   scene *self = read_description(path);
   for (uint32_t i = 0; i < self->surface_count; i++) {
     read_choice(folder, &self->surfaces[i]);
-    if (surface_has_layers(&self->surfaces[i]) && self->surfaces[i].hdr)
+    if (surface_has_layers(&self->surfaces[i]) && self->surfaces[i].hdr &&
+        !self->surfaces[i].layers_are_chosen)
       fail("%s: surface '%s': layers do not keep radiance above 1: Slf_Hdr or Slf_Layers, not both",
            path, self->surfaces[i].name);
   }
@@ -176,9 +181,13 @@ bool surface_has_layers(const surface *self) {
   return self->layers > 0 && self->s_count * self->t_count > 1;
 }
 
+uint32_t surface_table_rays(const surface *self, uint32_t asked) {
+  if (!(self->layers > 0) || self->layers_are_chosen) return asked;
+  return surface_has_layers(self) || self->auto_error > 0 ? 1 : asked;
+}
+
 uint32_t surface_rays(const surface *self, uint32_t asked) {
-  /* Where directions are to be chosen, its tables are made before it is known to be matte. */
-  return surface_has_layers(self) || (self->layers > 0 && self->auto_error > 0) ? 1 : asked;
+  return surface_has_layers(self) ? 1 : surface_table_rays(self, asked);
 }
 
 slice *surface_slices(const surface *self, uint32_t *slice_count) {

@@ -3,9 +3,9 @@
  * The describe pass of slf.inc writes one text file for a scene:
  *   surface NAME TEXELS_U TEXELS_V DIRECTIONS_S DIRECTIONS_T WRAP_U WRAP_V
  *   layers DISTANCE                      (only if it is to be baked as layers)
- *   auto ERROR                           (only if the directions are 0 x 0: to be chosen)
- *   planar CORNER EDGE_U EDGE_V          (only if P(U,V) = corner + U edge_u + V edge_v)
- *   grid COLUMNS ROWS                    then as many vertices, row by row:
+ *   auto ERROR LAYERS                    (only if the directions are 0 x 0: to be chosen; LAYERS 1:
+ * and whether it is baked as layers) planar CORNER EDGE_U EDGE_V          (only if P(U,V) = corner
+ * + U edge_u + V edge_v) grid COLUMNS ROWS                    then as many vertices, row by row:
  *   POSITION NORMAL TANGENT_U TANGENT_V U V
  *   radiosity, photons                   (only if the light pass is to fill their caches)
  *   water NAME
@@ -25,9 +25,11 @@ typedef struct {
   uint32_t u_count, v_count; /* texels */
   uint32_t s_count, t_count; /* directions; 1 x 1: matte; 0 x 0: not chosen yet */
   bool hdr;                  /* radiance above 1 is kept */
-  double auto_error; /* what the choice of directions may cost (choose.c); 0: they are given */
-  uint32_t flags;    /* SLF_SURFACE_... */
-  double layers;     /* 0: one layer; else about how far away what it reflects is (layers.c) */
+  double auto_error;      /* what the choice of directions may cost (choose.c); 0: they are given */
+  bool auto_layers;       /* whether layers are to be chosen too */
+  uint32_t flags;         /* SLF_SURFACE_... */
+  double layers;          /* 0: one layer; else about how far away what it reflects is (layers.c) */
+  bool layers_are_chosen; /* not declared by the scene */
   bool planar;
   double corner[3], edge_u[3], edge_v[3]; /* of a planar surface */
   uint32_t column_count, row_count;       /* of the mesh */
@@ -43,7 +45,7 @@ typedef struct {
 
 /* Reads what the describe pass wrote, FOLDER/scene.txt, or the part of it on one surface,
  * FOLDER/NAME/surface.txt; ends the program with a line for what is wrong. Directions that are to
- * be chosen come from FOLDER/NAME/choice, and are 0 x 0 while there is none. */
+ * be chosen come from FOLDER/NAME/choice, and so do layers; they are 0 x 0 while there is none. */
 scene *scene_read(const char *folder);
 void scene_free(scene *);
 surface *surface_read(const char *folder, const char *name);
@@ -57,6 +59,11 @@ bool surface_has_layers(const surface *);
 /* How many of the rays that are asked for a sample it takes: layers take one, as several that hit
  * different things have no one height. */
 uint32_t surface_rays(const surface *, uint32_t asked);
+
+/* How many a texel its tables have (rays, cover), which are made before directions are chosen.
+ * Where these are more than it takes, it takes the middle one, which starts from the texel's centre
+ * (sample.h). */
+uint32_t surface_table_rays(const surface *, uint32_t asked);
 
 typedef struct {
   uint16_t s, t;

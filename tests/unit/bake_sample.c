@@ -47,6 +47,16 @@ static void one_ray_goes_to_the_centre(void **state) {
   assert_true(uv[0][0] == 0.5 && uv[0][1] == 0.5 && st[0][0] == 0.5 && st[0][1] == 0.5);
 }
 
+static void the_middle_ray_starts_from_the_centre(void **state) {
+  (void)state;
+  double uv[SAMPLE_MAX_RAYS][2];
+  const uint32_t counts[] = {1, 9, 25, 49, 121};
+  for (int i = 0; i < 5; i++) {
+    sample_texel_offsets(counts[i], uv);
+    assert_true(uv[counts[i] / 2][0] == 0.5 && uv[counts[i] / 2][1] == 0.5);
+  }
+}
+
 static void cells_differ_and_texels_do_not(void **state) {
   (void)state;
   double a[25][2], b[25][2];
@@ -88,6 +98,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(every_pair_of_axes_meets_every_stratum_once),
       cmocka_unit_test(one_ray_goes_to_the_centre),
+      cmocka_unit_test(the_middle_ray_starts_from_the_centre),
       cmocka_unit_test(cells_differ_and_texels_do_not),
       cmocka_unit_test(offsets_are_centred),
       cmocka_unit_test(counts_are_checked),

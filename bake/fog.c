@@ -1,0 +1,49 @@
+#include "fog.h"
+
+#include <math.h>
+
+/* The near fog's distance, in distances from the surface to the ray's start: what is reflected from
+ * five of these away or less counts in part as the surface's own. */
+static const double near_starts = 10;
+
+/* Less than this is no reflection: a display shows nothing of it. */
+static const float least_reflectance = 1.0f / 512;
+
+fog_set fogs_of(const surface *self, double far) {
+  double start = surface_ray_start(self), near = near_starts * start;
+  return (fog_set){.fogs = {[NEAR_BLACK] = {near, 0},
+                            [NEAR_WHITE] = {near, 1},
+                            [FAR_BLACK] = {far, 0},
+                            [FAR_WHITE] = {far, 1}},
+                   .t_near_start = (float)exp(-start / near),
+                   .t_far_start = (float)exp(-start / far)};
+}
+
+/* What a fog adds to paths beyond the ray's start, summed over the channels. */
+static float fogged(const float black[3], const float white[3], float t_start) {
+  float sum = 0;
+  for (int k = 0; k < 3; k++) sum += (white[k] - black[k] - 1 + t_start) / t_start;
+  return sum;
+}
+
+bool fog_split(const fog_set *by, const float full[3], float *const through[FOG_COUNT], size_t at,
+               float own[3], float reflected[3], float *distance) {
+  const float *seen[FOG_COUNT];
+  for (int i = 0; i < FOG_COUNT; i++) seen[i] = through[i] + at;
+  float r = fogged(seen[NEAR_BLACK], seen[NEAR_WHITE], by->t_near_start);
+  bool reflects = r > 3 * least_reflectance;
+  for (int k = 0; k < 3; k++) {
+    own[k] = reflects ? fminf(seen[NEAR_BLACK][k] * (1 / by->t_near_start), full[k]) : full[k];
+    reflected[k] = full[k] - own[k];
+  }
+  float opaque = reflects ? fogged(seen[FAR_BLACK], seen[FAR_WHITE], by->t_far_start) / r : 1;
+  *distance = -(float)by->fogs[FAR_BLACK].distance * logf(fminf(fmaxf(1 - opaque, 1e-6f), 1));
+  return reflects;
+}
+
+bool fog_is_seen(const fog_set *by, float *const through[FOG_COUNT], size_t count) {
+  size_t without = 0;
+  for (size_t i = 0; i < count; i++)
+    without += through[NEAR_WHITE][i] - through[NEAR_BLACK][i] < 0.5f * (1 - by->t_near_start);
+  return without <= count / 2;
+}

@@ -1,0 +1,56 @@
+#!/bin/bash
+# What automatic directions choose to bake as layers, that this is baked as if it had been declared so, and
+# that fogs leave radiosity and photons alone.
+set -u
+log=$(mktemp)
+fogged=$(mktemp -d)
+trap 'rm -rf "$log" "$log".* "$fogged"' EXIT
+count=0
+check() {
+  count=$((count + 1))
+  if eval "$2"; then echo "ok $count - $1"; else echo "not ok $count - $1"; sed 's/^/# /' "$log"; fi
+}
+bake() { rm -rf "build/bake/$1" "build/$1.slf"; make --no-print-directory bake "SCENES=${scenes:-tests/bake}" SCENE=layers "NAME=$1" "DECLARE=$2" QUALITY=paper RAYS="$3" > "$log" 2>&1; }
+choice() { head -n 1 "build/bake/$1/$2/choice"; }
+# slice NAME CHUNK ROWS K: the K-th image of so many rows of a chunk of the table, into a file of that name.
+slice() { oiiotool "build/bake/$1/table/0000.exr" --cut "16x16+0+$((16*$2))" -o "$log.$3.exr"; }
+echo 1..9
+
+bake layers-chosen "" 9
+echo "# figure: $(sed -n 's/^bake: surface //p' "$log" | grep layers | tr '\n' ';')"
+read -r directions _ far < <(choice layers-chosen mirror)
+read -r bent_directions _ bent_far < <(choice layers-chosen mirror_bent)
+check "a mirror is found to be worth layers" '[ "$directions" = 8 ] && awk "BEGIN { exit !($far > 0.5 && $far < 8) }"'
+check "a curved mirror is, too" '[ "$bent_directions" = 8 ] && awk "BEGIN { exit !($bent_far > 0.5 && $bent_far < 8) }"'
+check "plastic is not" '[ "$(choice layers-chosen plastic | cut -d " " -f 3)" = 0 ]'
+
+# The same chunks as of layers that were declared, though tables of 9 rays a texel were made before the choice.
+cp build/bake/layers-chosen/mirror/0000.exr "$log.mirror.exr"
+cp build/bake/layers-chosen/mirror_bent/0000.exr "$log.bent.exr"
+bake layers-declared "Directions=8 Slf_Layers=$far" 9
+check "a mirror's layers are those that it has when they are declared" 'cmp "$log.mirror.exr" build/bake/layers-declared/mirror/0000.exr'
+bake layers-declared "Directions=8 Slf_Layers=$bent_far" 9
+check "so are a curved mirror's" 'cmp "$log.bent.exr" build/bake/layers-declared/mirror_bent/0000.exr'
+bake layers-never "Slf_Layers=0 Slf_Auto_Error=0.13" 1
+check "none where the scene says so" '[ "$(choice layers-never mirror | cut -d " " -f 3)" = 0 ]'
+
+# A scene's own fog: nobody chooses layers; who asks for them is told.
+mkdir "$fogged/layers"
+{ cat tests/bake/layers/layers.pov; echo 'fog { fog_type 1 distance 20 rgb 0.5 }'; } > "$fogged/layers/layers.pov"
+scenes=$fogged bake layers-fog "Slf_Auto_Error=0.13" 1
+check "none in a fog" '[ "$(choice layers-fog mirror | cut -d " " -f 3)" = 0 ] && [ -s build/layers-fog.slf ]'
+scenes=$fogged bake layers-fog "Directions=8 Slf_Layers=4" 1
+check "layers in a fog are refused" 'grep -q "^slf: .* cannot be baked as layers: the scene has a fog" "$log"'
+
+# Of a matte table under a caustic all radiance is its own: fogs must not have changed the radiosity or the
+# photons that it is lit by. Half floats leave a 1000th.
+bake layers-lit "Light=1 Directions=2 Slf_Layers=0" 1
+for k in 0 5 15; do slice layers-lit $k "plain$k"; done
+bake layers-lit "Light=1 Directions=2 Slf_Layers=4" 1
+worst=0
+for k in 0 5 15; do
+  slice layers-lit $((3*k)) "own$k"
+  worst=$(oiiotool "$log.plain$k.exr" "$log.own$k.exr" --absdiff --stats | awk -v worst="$worst" '/Max:/ { for (i = 3; i <= 5; i++) if ($i > worst) worst = $i } END { print worst }')
+done
+echo "# figure: a lit table's own radiance differs from its radiance by $worst at most"
+check "radiosity and photons are the same through fogs" 'awk "BEGIN { exit !($worst < 0.002) }"'
