@@ -21,12 +21,18 @@ enum { WHOLE = 32767 };
 
 typedef float f8 __attribute__((vector_size(32)));
 typedef int32_t i8 __attribute__((vector_size(32))); /* numbers, or masks of -1 and 0 */
+typedef uint16_t u16 __attribute__((vector_size(16)));
+typedef int8_t c8 __attribute__((vector_size(8)));
 
 /* ---- Eight numbers -----------------------------------------------------------------------------
  */
 
 INLINE f8 all(float x) {
   return (f8){x, x, x, x, x, x, x, x};
+}
+
+INLINE i8 all_int(int32_t x) {
+  return (i8){x, x, x, x, x, x, x, x};
 }
 
 INLINE f8 load(const float *x) {
@@ -37,6 +43,28 @@ INLINE f8 load(const float *x) {
 
 INLINE void store(float *x, f8 v) {
   memcpy(x, &v, sizeof v);
+}
+
+INLINE i8 load_u16(const uint16_t *x) {
+  u16 v;
+  memcpy(&v, x, sizeof v);
+  return __builtin_convertvector(v, i8);
+}
+
+INLINE i8 load_c8(const void *x) {
+  c8 v;
+  memcpy(&v, x, sizeof v);
+  return __builtin_convertvector(v, i8);
+}
+
+INLINE void store_u16(uint16_t *x, i8 v) {
+  u16 narrow = __builtin_convertvector(v, u16);
+  memcpy(x, &narrow, sizeof narrow);
+}
+
+INLINE void store_c8(void *x, i8 v) {
+  c8 narrow = __builtin_convertvector(v, c8);
+  memcpy(x, &narrow, sizeof narrow);
 }
 
 INLINE f8 to_float(i8 v) {
@@ -237,7 +265,7 @@ static void place(const depth_geometry *geometry, uint32_t block_u, uint32_t blo
     store(rays->i + row, i), store(rays->j + row, j);
     i8 cell = to_int(smaller(i, i_last)) * (int32_t)g.t_count + to_int(smaller(j, j_last));
     memcpy(rays->cell + row, &cell, sizeof cell);
-    store(rays->code + row, all(-1));
+    store(rays->code + row, all(-1)), store(rays->score + row, all(0));
   }
 }
 
@@ -674,9 +702,25 @@ static void aim_at(const depth_cell *cell, const bundle *b, const f8 *code, dept
   }
 }
 
-static void aim(const depth_cell *cell, const depth_rays *rays, depth_aim *a) {
+static void aim(const depth_cell *cell, const depth_rays *rays, const depth_memory *last,
+                const uint8_t *texels, int count, depth_aim *a) {
   bundle b;
-  f8 code = load(a->guess.codes);
+  f8 code, score;
+  if (count == LANES && texels[7] == texels[0] + 7 && texels[0] % 8 == 0) {
+    code = to_float(load_u16(last->code + texels[0]));
+    score = to_float(load_c8(last->score + texels[0]));
+  } else {
+    for (int l = 0; l < LANES; l++) {
+      uint8_t k = texels[l < count ? l : 0];
+      code[l] = last->code[k], score[l] = last->score[k];
+    }
+  }
+  code *= 1.0f / 256;
+  memcpy(a->guess.texels, texels, LANES);
+  a->guess.count = count;
+  store(a->guess.codes, code);
+  store(a->guess.wanted,
+        smaller(larger(0.01f * score - SCORE_SLACK, all(LEAST_NEAR)), all(ALL_AGREE)));
   make_bundle(cell, rays, a->guess.texels, a->guess.count, &b);
   a->cell = cell;
   aim_at(cell, &b, &code, a);
@@ -745,6 +789,43 @@ static unsigned mix_aimed(depth_rays *rays, depth_aim *a) {
   return mask;
 }
 
+/* ---- From frame to frame ------------------------------------------------------------------------
+ */
+
+static uint64_t find_steady(const depth_memory *last) {
+  const i8 none = all_int(UINT16_MAX);
+  i8 codes[10];
+  uint64_t steady = 0, certain = 0;
+  codes[0] = codes[9] = none;
+  for (int row = 0; row < 8; row++) {
+    i8 near = load_c8(last->kind + 8 * row) == SEEN_NEAR;
+    certain |= (uint64_t)mask_bits(load_c8(last->score + 8 * row) >= (int)(100 * MOST_AGREE))
+               << 8 * row;
+    codes[row + 1] = (load_u16(last->code + 8 * row) & near) | (none & ~near);
+  }
+  for (int row = 1; row <= 8; row++) {
+    i8 left = __builtin_shufflevector(codes[row], none, 8, 0, 1, 2, 3, 4, 5, 6);
+    i8 right = __builtin_shufflevector(codes[row], none, 1, 2, 3, 4, 5, 6, 7, 8);
+    i8 lowest = lower(lower(left, right), lower(codes[row - 1], codes[row + 1]));
+    i8 fits = (codes[row] != none) & (lowest >= codes[row] - 256 * EDGE_CODES);
+    steady |= (uint64_t)mask_bits(fits) << (8 * row - 8);
+  }
+  return steady & certain;
+}
+
+static void remember(const depth_rays *rays, const uint8_t kinds[64], uint64_t mask,
+                     depth_memory *now) {
+  const i8 lanes = {1, 2, 4, 8, 16, 32, 64, 128};
+  for (int row = 0; row < 64; row += LANES) {
+    i8 made = (all_int((int32_t)(mask >> row & 0xff)) & lanes) == lanes;
+    i8 code = to_int(256.0f * larger(load(rays->code + row), all(0)));
+    i8 score = to_int(100.0f * load(rays->score + row)), kind = load_c8(kinds + row);
+    store_u16(now->code + row, (code & made) | (load_u16(now->code + row) & ~made));
+    store_c8(now->score + row, (score & made) | (load_c8(now->score + row) & ~made));
+    store_c8(now->kind + row, (kind & made) | (load_c8(now->kind + row) & ~made));
+  }
+}
+
 static void put(const depth_rays *rays, uint16_t *out, size_t row_nbytes) {
   for (int row = 0; row < 8; row++, out += row_nbytes / sizeof *out) {
     const float *from = rays->rgba[8 * row];
@@ -759,4 +840,5 @@ static void put(const depth_rays *rays, uint16_t *out, size_t row_nbytes) {
   }
 }
 
-const depth_kernel KERNEL = {place, find_cell, mix_bundle, seek, aim, mix_aimed, put};
+const depth_kernel KERNEL = {place, find_cell, find_steady, mix_bundle, seek,
+                             aim,   mix_aimed, remember,    put};

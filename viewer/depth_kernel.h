@@ -34,6 +34,21 @@ typedef struct {
   float rgba[64][4];  /* linear; A = 1 */
 } depth_rays;
 
+/* How a texel was mixed. */
+enum {
+  SEEN_UNKNOWN, /* not yet */
+  SEEN_NEAR,    /* by the four slices around */
+  SEEN_WIDE,    /* by sixteen */
+  SEEN_NOT      /* by none */
+};
+
+/* What was found for a block's texels. */
+typedef struct {
+  uint16_t code[64]; /* of the height, in 1/256 */
+  int8_t score[64];  /* in 1/100 */
+  uint8_t kind[64];
+} depth_memory;
+
 /* What rays are made from. */
 typedef struct {
   uint32_t s_count, t_count;
@@ -65,14 +80,21 @@ typedef struct {
                 const block_directions *directions, depth_rays *rays);
   /* The texels of a cell, as a mask. */
   uint64_t (*find_cell)(const depth_rays *rays, int32_t cell);
+  /* The texels whose height most of the four slices around knew, and with no neighbour in the block
+   * that saw another thing that is lower. */
+  uint64_t (*find_steady)(const depth_memory *last);
   /* Mixes those of the texels for whose height there is good evidence; returns their lanes. */
   unsigned (*mix)(const depth_cell *cell, depth_rays *rays, const depth_guess *guess);
   /* The same without guesses: follows each slice along the rays. */
   unsigned (*seek)(const depth_cell *cell, depth_rays *rays, const depth_guess *guess);
   /* As mix in two steps, so that what is read can come from afar in between: the quicker way,
    * which knows no edges. */
-  void (*aim)(const depth_cell *cell, const depth_rays *rays, depth_aim *aim);
+  void (*aim)(const depth_cell *cell, const depth_rays *rays, const depth_memory *last,
+              const uint8_t *texels, int count, depth_aim *aim);
   unsigned (*mix_aimed)(depth_rays *rays, depth_aim *aim);
+  /* Keeps what was found for the texels of the mask. */
+  void (*remember)(const depth_rays *rays, const uint8_t kinds[64], uint64_t mask,
+                   depth_memory *now);
   /* Writes the block as half floats. */
   void (*put)(const depth_rays *rays, uint16_t *out, size_t row_nbytes);
 } depth_kernel;
@@ -96,10 +118,15 @@ enum {
 #define LEAST_WEIGHT 0.01f
 /* The weight of slices that must agree for no more to be asked. */
 #define ALL_AGREE 0.93f
+/* The weight of slices that must agree for a height to be steady. */
+#define MOST_AGREE 0.5f
 /* How far apart two heights may be and still be one: codes, slopes and edges are not exact. */
 #define TOLERANCE_UNITS 0.005f
 #define TOLERANCE_SHARE 0.03f
 /* How much less than last time, or than a neighbour's, a score may be, as directions change. */
 #define SCORE_SLACK 0.1f
+/* Scores below which a height is none, of the four slices around and of more. */
+#define LEAST_NEAR 0.15f
+#define LEAST_WIDE 0.01f
 
 #endif

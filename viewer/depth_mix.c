@@ -8,21 +8,6 @@
 #include "depth_kernel.h"
 #include "half.h"
 
-/* How a texel was mixed. */
-enum {
-  SEEN_UNKNOWN, /* not yet */
-  SEEN_NEAR,    /* by the four slices around */
-  SEEN_WIDE,    /* by sixteen */
-  SEEN_NOT      /* by none */
-};
-
-/* What was found for a block's texels. */
-typedef struct {
-  uint16_t code[64]; /* of the height, in 1/256 */
-  int8_t score[64];  /* in 1/100 */
-  uint8_t kind[64];
-} memory;
-
 struct depth_mixer {
   depth_geometry geometry;
   float u_end, v_end; /* half a texel beyond the light's last */
@@ -32,7 +17,7 @@ struct depth_mixer {
   depth_pages pages;
   const depth_kernel *kernel;
   uint32_t block_u_count; /* of what is mixed */
-  memory *last;           /* of each block */
+  depth_memory *last;     /* of each block */
   uint8_t *visits;        /* of each block */
   depth_mix_counts counts;
 };
@@ -325,29 +310,17 @@ static void mix_four_tap(depth_mixer *m, ray *r, float rgb[3]) {
  * some slices that disagree forgets, so that nothing wrong stays. */
 enum { REFRESH = 64 };
 
-static memory *recall(depth_mixer *m, size_t block) {
-  memory *last = &m->last[block];
+static depth_memory *recall(depth_mixer *m, size_t block) {
+  depth_memory *last = &m->last[block];
   for (uint32_t k = m->visits[block]++ % REFRESH; k < 64; k += REFRESH)
     if (last->score[k] < (int)(100 * ALL_AGREE)) last->kind[k] = SEEN_UNKNOWN;
   return last;
 }
 
-static void remember(const depth_rays *rays, const uint8_t kinds[64], uint64_t mask, memory *now) {
-  for (int k = 0; k < 64; k++) {
-    if (!(mask >> k & 1)) continue;
-    now->code[k] = (uint16_t)(256 * (rays->code[k] > 0 ? rays->code[k] : 0));
-    now->score[k] = (int8_t)(100 * rays->score[k]);
-    now->kind[k] = kinds[k];
-  }
-}
-
-/* Scores below which a height is none, of the four slices around and of more. */
-static const float least_near = 0.15f, least_wide = 0.01f;
-
 /* A little less than last time. What was wanted stays wanted until the next search: scores do not
  * wear off frame by frame. */
-static float wanted_score(const memory *last, uint32_t k) {
-  float least = last->kind[k] == SEEN_WIDE ? least_wide : least_near;
+static float wanted_score(const depth_memory *last, uint32_t k) {
+  float least = last->kind[k] == SEEN_WIDE ? LEAST_WIDE : LEAST_NEAR;
   float wanted = fmaxf(0.01f * (float)last->score[k] - SCORE_SLACK, least);
   return wanted < ALL_AGREE ? wanted : ALL_AGREE;
 }
@@ -379,7 +352,7 @@ static ray find_ray(depth_mixer *m, const depth_rays *rays, uint32_t k) {
 }
 
 /* As last time, where the four slices around did not do. */
-static bool mix_again(depth_mixer *m, depth_rays *rays, uint32_t k, const memory *last) {
+static bool mix_again(depth_mixer *m, depth_rays *rays, uint32_t k, const depth_memory *last) {
   ray r = find_ray(m, rays, k);
   rays->rgba[k][3] = 1;
   if (last->kind[k] == SEEN_NOT) {
@@ -400,7 +373,7 @@ static uint8_t mix_alone(depth_mixer *m, depth_rays *rays, uint32_t k) {
   rays->rgba[k][3] = 1;
   add_neighbours(m, &r, 2);
   float h = find_height(m, &r, &rays->score[k]);
-  if (rays->score[k] >= least_wide && mix_at(m, &r, h, rays->rgba[k]) > 0) {
+  if (rays->score[k] >= LEAST_WIDE && mix_at(m, &r, h, rays->rgba[k]) > 0) {
     rays->code[k] = 256 * h / (m->unit + h);
     return SEEN_WIDE;
   }
@@ -429,7 +402,7 @@ static int find_neighbour(uint32_t k, guess_origin origin) {
   return column < 0 || row < 0 || column > 7 || row > 7 ? -1 : 8 * row + column;
 }
 
-static bool guess_lower(const memory *last, uint32_t k, float *code, float *wanted) {
+static bool guess_lower(const depth_memory *last, uint32_t k, float *code, float *wanted) {
   int lowest = last->code[k] - 256 * EDGE_CODES;
   bool found = false;
   for (int origin = GUESS_RIGHT; origin < GUESS_COUNT; origin++) {
@@ -438,11 +411,12 @@ static bool guess_lower(const memory *last, uint32_t k, float *code, float *want
     lowest = last->code[from], found = true;
   }
   *code = (float)lowest / 256;
-  *wanted = fmaxf(0.01f * LOWER_SHARE * (float)last->score[k], least_near);
+  *wanted = fmaxf(0.01f * LOWER_SHARE * (float)last->score[k], LEAST_NEAR);
   return found;
 }
 
-static bool guess(const memory *last, uint32_t k, guess_origin origin, float *code, float *wanted) {
+static bool guess(const depth_memory *last, uint32_t k, guess_origin origin, float *code,
+                  float *wanted) {
   if (origin != GUESS_AGAIN && last->kind[k] == SEEN_UNKNOWN) return false;
   if (origin == GUESS_LOWER) return guess_lower(last, k, code, wanted);
   int from = find_neighbour(k, origin);
@@ -452,38 +426,21 @@ static bool guess(const memory *last, uint32_t k, guess_origin origin, float *co
   return true;
 }
 
-/* The texels whose height the four slices around knew, and with no neighbour in the block that saw
- * another thing that is lower. */
-static uint64_t find_steady(const memory *last) {
-  uint16_t codes[10][10];
-  uint64_t steady = 0, agreeing = 0;
-  memset(codes, 0xff, sizeof codes);
-  for (int k = 0; k < 64; k++)
-    codes[1 + k / 8][1 + k % 8] = last->kind[k] == SEEN_NEAR ? last->code[k] : UINT16_MAX;
-  for (int k = 0; k < 64; k++)
-    agreeing |= (uint64_t)(last->score[k] >= (int)(100 * ALL_AGREE)) << k;
-  for (int row = 1; row <= 8; row++)
-    for (int i = 1; i <= 8; i++) {
-      uint16_t code = codes[row][i], a = codes[row][i - 1], b = codes[row][i + 1];
-      uint16_t c = codes[row - 1][i], d = codes[row + 1][i];
-      a = a < b ? a : b, c = c < d ? c : d, a = a < c ? a : c;
-      bool fits = code < UINT16_MAX && a >= code - 256 * EDGE_CODES;
-      steady |= (uint64_t)fits << (8 * (row - 1) + i - 1);
-    }
-  return steady & agreeing;
+/* Takes up to eight texels out of the mask. */
+static int take_eight(uint64_t *texels, uint8_t out[LANES]) {
+  int count = 0;
+  for (; *texels && count < LANES; *texels &= *texels - 1)
+    out[count++] = (uint8_t)__builtin_ctzll(*texels);
+  return count;
 }
 
-/* Takes up to eight texels out of the mask for which `origin` has a guess, a whole row if that is
- * next; those without a guess go to *without. */
-static void pick(const memory *last, guess_origin origin, uint64_t *texels, uint64_t *without,
-                 depth_guess *g) {
+/* Takes texels out of the mask until there are eight for which `origin` has a guess. */
+static void pick(const depth_memory *last, guess_origin origin, uint64_t *texels, depth_guess *g) {
   int count = 0;
   for (; *texels && count < LANES; *texels &= *texels - 1) {
     uint32_t k = (uint32_t)__builtin_ctzll(*texels);
     if (guess(last, k, origin, &g->codes[count], &g->wanted[count]))
       g->texels[count++] = (uint8_t)k;
-    else
-      *without |= 1ull << k;
   }
   g->count = count;
   if (count == 0) return;
@@ -499,11 +456,11 @@ static uint64_t find_mixed(const depth_guess *g, unsigned lanes) {
 
 /* Mixes what it can of the texels from what is guessed; returns those. */
 static uint64_t mix_guessed(depth_mixer *m, const depth_cell *cell, depth_rays *rays,
-                            uint64_t texels, const memory *last, guess_origin origin) {
-  uint64_t mixed = 0, without = 0;
+                            uint64_t texels, const depth_memory *last, guess_origin origin) {
+  uint64_t mixed = 0;
   while (texels) {
     depth_guess g;
-    pick(last, origin, &texels, &without, &g);
+    pick(last, origin, &texels, &g);
     if (g.count > 0) mixed |= find_mixed(&g, m->kernel->mix(cell, rays, &g));
   }
   return mixed;
@@ -515,16 +472,15 @@ static uint64_t mix_sought(depth_mixer *m, const depth_cell *cell, depth_rays *r
   uint64_t mixed = 0;
   while (texels) {
     depth_guess g = {.count = 0};
-    for (int l = 0; l < LANES; l++) g.wanted[l] = least_near;
-    for (; texels && g.count < LANES; texels &= texels - 1)
-      g.texels[g.count++] = (uint8_t)__builtin_ctzll(texels);
+    for (int l = 0; l < LANES; l++) g.wanted[l] = LEAST_NEAR;
+    g.count = take_eight(&texels, g.texels);
     mixed |= find_mixed(&g, m->kernel->seek(cell, rays, &g));
   }
   return mixed;
 }
 
 /* The texels that the four slices around did not serve last time. */
-static uint64_t find_poor(const memory *last) {
+static uint64_t find_poor(const depth_memory *last) {
   uint64_t poor = 0;
   for (int k = 0; k < 64; k++)
     poor |= (uint64_t)(last->kind[k] == SEEN_WIDE || last->kind[k] == SEEN_NOT) << k;
@@ -540,10 +496,10 @@ void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
   uint8_t kinds[64];
   int cell_count = 0, aim_count = 0;
   depth_pages_make_room(&m->pages);
-  memory *now = recall(m, (size_t)block_v * m->block_u_count + block_u);
-  const memory last = *now;
-  const uint64_t steady = find_steady(&last), poor = find_poor(&last);
-  uint64_t foretold = 0, without = 0;
+  depth_memory *now = recall(m, (size_t)block_v * m->block_u_count + block_u);
+  const depth_memory last = *now;
+  const uint64_t steady = m->kernel->find_steady(&last), poor = find_poor(&last);
+  uint64_t foretold = 0;
   memset(kinds, SEEN_NEAR, sizeof kinds);
   m->kernel->place(&m->geometry, block_u, block_v, directions, &rays);
   if (~directions->mask) memset(rays.rgba, 0, sizeof rays.rgba);
@@ -554,9 +510,9 @@ void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
         find_cell(m, (uint32_t)at / m->geometry.t_count, (uint32_t)at % m->geometry.t_count);
     texels[cell_count] = m->kernel->find_cell(&rays, at) & left;
     for (uint64_t k = texels[cell_count] & steady; k;) {
-      depth_aim *a = &aims[aim_count++];
-      pick(&last, GUESS_AGAIN, &k, &without, &a->guess);
-      m->kernel->aim(&cells[cell_count], &rays, a);
+      uint8_t eight[LANES] = {0};
+      int count = take_eight(&k, eight);
+      m->kernel->aim(&cells[cell_count], &rays, &last, eight, count, &aims[aim_count++]);
     }
   }
   for (int i = 0; i < aim_count; i++)
@@ -582,7 +538,7 @@ void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
     m->counts.four_tap_count += (directions->mask >> k & 1) && kinds[k] == SEEN_NOT;
   }
   m->counts.foretold_count += (uint64_t)__builtin_popcountll(foretold);
-  remember(&rays, kinds, directions->mask, now);
+  m->kernel->remember(&rays, kinds, directions->mask, now);
   m->kernel->put(&rays, out, row_nbytes);
 }
 
