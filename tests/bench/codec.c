@@ -1,11 +1,11 @@
-/* codec - measures the codec beside libjpeg-turbo on light fields; one flat JSON object on stdout.
+/* codec - measures the codec beside libjpeg-turbo on a light field; one flat JSON object on stdout.
  *
- *   codec [BAKE_DIR SURFACE RAYS LABEL]...
+ *   codec LABEL BAKE_DIR SURFACE RAYS            a baked surface; LABEL ends its numbers' names
+ *   codec LABEL                                  the synthetic mirror
  *   codec --export FILE BAKE_DIR SURFACE RAYS    its codes, for peers.py
  *   codec --layered PSNR BAKE_DIR SURFACE RAYS   the layered scheme's PSNR and ratio there
  *
- * Each four arguments name a baked surface (build/bake/NAME, SURFACE) and the label of its numbers.
- * The synthetic mirror is always measured. Times are CPU time of one thread, of each part of
+ * Times are CPU time of one thread, of each part of
  * the work the least of several rounds that alternate between the codecs: ratios hold on a machine
  * that does other things too. */
 #include <math.h>
@@ -22,10 +22,6 @@
 #include "bake/surface.h"
 #include "tests/bench/figures.h"
 #include "tests/bench/synthetic.h"
-
-static double thread_s(void) {
-  return clock_s(CLOCK_THREAD_CPUTIME_ID);
-}
 
 /* ---- Light fields -------------------------------------------------------------------------- */
 
@@ -378,36 +374,42 @@ static void measure_identical(const light_field *f, const char *label) {
   print_figure("identical_psnr_change", label, identical.psnr - none.psnr);
 }
 
-static void measure(const light_field *f, const char *label, double *decode, double *random,
-                    double *jpeg_gain) {
+/* A figure of one of our schemes: infix names those that are not of independent blocks. */
+static void print_of(const char *scheme, const char *infix, const char *rest, const char *label,
+                     double value) {
+  char key[96];
+  snprintf(key, sizeof key, "%s%s%s", scheme, infix, rest);
+  print_figure(key, label, value);
+}
+
+/* A scheme at the JPEGs' PSNR beside them; its ratio. */
+static double measure_scheme(const light_field *f, slf_angular angular, const char *infix,
+                             const jpeg_slices *j, const char *label) {
+  double quality;
+  coded c = encode_at(f, angular, j->psnr, false, &quality);
+  speed s = measure_speed(f, j);
+  print_of("psnr", infix, "", label, c.psnr);
+  print_of("decode", infix, "_vs_libjpeg", label, s.sequential_ns / s.jpeg_ns);
+  print_of("decode", infix, "_random_vs_libjpeg", label, s.random_ns / s.jpeg_ns);
+  print_of("decode", infix, "_random_quads_vs_libjpeg", label, s.random_quads_ns / s.jpeg_ns);
+  print_of("libjpeg", infix, "_ns", label, s.jpeg_ns);
+  return c.ratio;
+}
+
+static void measure(const light_field *f, const char *label) {
   double quality;
   jpeg_slices j = jpeg_at(f, target_psnr);
-  coded none = encode_at(f, SLF_ANGULAR_NONE, j.psnr, false, &quality);
-  speed s = measure_speed(f, &j);
-  print_figure("psnr", label, none.psnr);
+  double none = measure_scheme(f, SLF_ANGULAR_NONE, "", &j, label);
+  double layered = measure_scheme(f, SLF_ANGULAR_LAYERED, "_layered", &j, label);
   print_figure("ratio_jpeg", label, j.ratio);
-  print_figure("ratio_none", label, none.ratio);
-  print_figure("ratio_none_vs_libjpeg", label, none.ratio / j.ratio);
-  print_figure("ratio_none_vs_libjpeg_files", label, none.ratio / j.file_ratio);
-  print_figure("decode_vs_libjpeg", label, s.sequential_ns / s.jpeg_ns);
-  print_figure("decode_random_vs_libjpeg", label, s.random_ns / s.jpeg_ns);
-  print_figure("decode_random_quads_vs_libjpeg", label, s.random_quads_ns / s.jpeg_ns);
-  print_figure("libjpeg_ns", label, s.jpeg_ns);
-  *decode = fmax(*decode, s.sequential_ns / s.jpeg_ns);
-  *random = fmax(*random, s.random_ns / s.jpeg_ns);
-  *jpeg_gain = fmin(*jpeg_gain, none.ratio / j.ratio);
-
-  coded layered = encode_at(f, SLF_ANGULAR_LAYERED, j.psnr, false, &quality);
-  s = measure_speed(f, &j);
-  print_figure("psnr_layered", label, layered.psnr);
-  print_figure("ratio_layered", label, layered.ratio);
-  print_figure("decode_layered_random_quads_vs_libjpeg", label, s.random_quads_ns / s.jpeg_ns);
-  print_figure("ratio_layered_vs_none", label, layered.ratio / none.ratio);
-  print_figure("decode_layered_vs_libjpeg", label, s.sequential_ns / s.jpeg_ns);
-  print_figure("decode_layered_random_vs_libjpeg", label, s.random_ns / s.jpeg_ns);
+  print_figure("ratio_none", label, none);
+  print_figure("ratio_none_vs_libjpeg", label, none / j.ratio);
+  print_figure("ratio_none_vs_libjpeg_files", label, none / j.file_ratio);
+  print_figure("ratio_layered", label, layered);
+  print_figure("ratio_layered_vs_none", label, layered / none);
   measure_identical(f, label);
   coded motion = encode_at(f, SLF_ANGULAR_MOTION, j.psnr, false, &quality);
-  print_figure("motion_gain", label, motion.ratio / none.ratio);
+  print_figure("motion_gain", label, motion.ratio / none);
   jpeg_free(&j);
 }
 
@@ -425,46 +427,40 @@ static void export_field(const light_field *f, const char *path) {
   if (!file || fclose(file) || !written) fail("%s: cannot be written", path);
 }
 
-static void measure_all(int argc, char **argv) {
-  double decode = 0, random = 0, jpeg_gain = 1e9, quality;
+static void measure_synthetic(const char *label) {
+  double quality;
   light_field f;
   if (!synthetic_make(SYNTHETIC_MIRROR, 128, 16, 3, &f)) fail("no memory for the synthetic mirror");
-  measure(&f, "synthetic_16", &decode, &random, &jpeg_gain);
+  measure(&f, label);
   coded at_30 = encode_at(&f, SLF_ANGULAR_NONE, 30, true, &quality);
   print_figure("index_overhead_at_30", "", at_30.index_share);
   double least_s = 1e9;
   for (int i = 0; i < 3; i++) least_s = fmin(least_s, encode(&f, SLF_ANGULAR_LAYERED, 76).encode_s);
   print_figure("encode_mtexels_per_s", "", raw_nbytes(&f) / 3e6 / least_s);
   light_field_free(&f);
-  for (int i = 0; i + 3 < argc; i += 4) {
-    f = load_baked(argv[i], argv[i + 1], (uint32_t)atoi(argv[i + 2]));
-    measure(&f, argv[i + 3], &decode, &random, &jpeg_gain);
-    light_field_free(&f);
-  }
-  print_figure("decode_vs_libjpeg", "", decode);
-  print_figure("decode_random_vs_libjpeg", "", random);
-  print_figure("ratio_none_vs_libjpeg", "", jpeg_gain);
-  end_figures();
 }
 
 int main(int argc, char **argv) {
-  snprintf(file_path, sizeof file_path, "/tmp/slf_bench.%ld.slf", (long)getpid());
-  if (argc == 6 && (strcmp(argv[1], "--export") == 0 || strcmp(argv[1], "--layered") == 0)) {
-    light_field f = load_baked(argv[3], argv[4], (uint32_t)atoi(argv[5]));
-    if (argv[1][2] == 'e') {
-      export_field(&f, argv[2]);
-    } else {
-      double quality;
-      coded c = encode_at(&f, SLF_ANGULAR_LAYERED, atof(argv[2]), false, &quality);
-      printf("%.3f %.4f\n", c.psnr, c.ratio);
-    }
-    light_field_free(&f);
-  } else if (argc % 4 == 1) {
-    measure_all(argc - 1, argv + 1);
-  } else {
-    fail("usage: codec [BAKE_DIR SURFACE RAYS LABEL]... or\n"
+  bool option = argc == 6 && strncmp(argv[1], "--", 2) == 0;
+  if (argc != 2 && argc != 5 && !option)
+    fail("usage: codec LABEL [BAKE_DIR SURFACE RAYS] or\n"
          "       codec --export FILE|--layered PSNR BAKE_DIR SURFACE RAYS");
+  snprintf(file_path, sizeof file_path, "/tmp/slf_bench.%ld.slf", (long)getpid());
+  light_field f = {0};
+  if (argc > 2) f = load_baked(argv[argc - 3], argv[argc - 2], (uint32_t)atoi(argv[argc - 1]));
+  if (argc == 2) {
+    measure_synthetic(argv[1]);
+  } else if (argc == 5) {
+    measure(&f, argv[1]);
+  } else if (strcmp(argv[1], "--export") == 0) {
+    export_field(&f, argv[2]);
+  } else {
+    double quality;
+    coded c = encode_at(&f, SLF_ANGULAR_LAYERED, atof(argv[2]), false, &quality);
+    printf("%.3f %.4f\n", c.psnr, c.ratio);
   }
+  if (argc < 6) end_figures();
+  if (argc > 2) light_field_free(&f);
   remove(file_path);
   return 0;
 }

@@ -1,22 +1,46 @@
 #!/bin/sh
 # What the codec costs and gains, as one flat object of named numbers: build/bench/codec.json.
-# usage: codec.sh, from the repository's root, after make bench-bakes. Keys end in SCENE_DIRECTIONS;
-# those without a scene's name are the worst over the scenes.
+# usage: codec.sh [PART...] (all of them), from the repository's root, after make bench-bakes.
+# A part is a light field: its numbers go to build/bench/codec/PART.json, with keys that end in
+# SCENE_DIRECTIONS. When all are there they are put together, and of those that a goal names the worst
+# over the parts stands under the bare name.
 set -eu
-out=build/bench; mkdir -p "$out"
+all="synthetic-16 floor-16 bottle-16 bottle-32 bottle-64 box-16 cube-32"
+out=build/bench/codec.parts; mkdir -p "$out"
 first() { # the first surface of a scene with directions
   awk '/^surface /{ if ($5 > 1) { print $2; exit } }' "$1/scene.txt"
 }
 rays() { # that it was baked with
   awk '/^BAKE_RAYS/{ print $NF }' "$1/options.mk"
 }
+measure() { # PART: ours beside libjpeg-turbo, then the other peers
+  label=$(echo "$1" | tr - _) folder=build/bake/bench-$1 new=$out/$1.part
+  rm -f "$out/$1.json"
+  if [ "$1" = synthetic-16 ]; then
+    build/bench/codec "$label" > "$new"
+  else
+    [ -s "$folder/scene.txt" ] || { echo "codec.sh: $folder is missing: make bench-bakes" >&2; exit 1; }
+    set -- "$1" "$folder" "$(first "$folder")" "$(rays "$folder")"
+    build/bench/codec "$label" "$2" "$3" "$4" > "$new"
+    build/bench/venv/bin/python tests/bench/peers.py build/bench/codec "$new" "$label" "$2" "$3" "$4"
+  fi
+  mv "$new" "$out/$1.json"
+}
+for part in ${*:-$all}; do measure "$part"; done
 set --
-for job in floor-16 bottle-16 bottle-32 bottle-64 box-16 cube-32; do
-  folder=build/bake/bench-$job
-  [ -s "$folder/scene.txt" ] || { echo "codec.sh: $folder is missing: make bench-bakes" >&2; exit 1; }
-  set -- "$@" "$folder" "$(first "$folder")" "$(rays "$folder")" "$(echo "$job" | tr - _)"
+for part in $all; do
+  [ -s "$out/$part.json" ] || { echo "codec.sh: $out/$part.json is still to come" >&2; exit 0; }
+  set -- "$@" "$out/$part.json"
 done
-build/bench/codec "$@" > "$out/codec.json.new"
-jq '. + {identical_gain_box: .identical_gain_box_16}' "$out/codec.json.new" > "$out/codec.json.part"
-build/bench/venv/bin/python tests/bench/peers.py build/bench/codec "$out/codec.json.part" "$@"
-mv "$out/codec.json.part" "$out/codec.json"
+jq -s 'add as $n
+  | def over(key): [$n | to_entries[] | select(.key | test("^" + key + "_[a-z]+_[0-9]+$")) | .value];
+  $n + {identical_gain_box: $n.identical_gain_box_16,
+    decode_vs_libjpeg: (over("decode_vs_libjpeg") | max),
+    decode_random_vs_libjpeg: (over("decode_random_vs_libjpeg") | max),
+    ratio_none_vs_libjpeg: (over("ratio_none_vs_libjpeg") | min),
+    ratio_layered_vs_jxl: (over("ratio_layered_vs_jxl") | min),
+    ratio_layered_vs_avif: (over("ratio_layered_vs_avif") | min),
+    ratio_layered_vs_zfp: (over("ratio_layered_vs_zfp") | min),
+    ratio_layered_vs_astc: (over("ratio_layered_vs_astc") | min),
+    ratio_layered_vs_vq: (over("ratio_layered_vs_vq") | min)}' "$@" > build/bench/codec.json.part
+mv build/bench/codec.json.part build/bench/codec.json

@@ -13,12 +13,15 @@ static inline double clock_s(clockid_t clock) {
   return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Of the clock, and of the processor, all threads together. */
+/* Of the clock, of the processor by all threads together, and by this one. */
 static inline double now_s(void) {
   return clock_s(CLOCK_MONOTONIC);
 }
 static inline double cpu_s(void) {
   return clock_s(CLOCK_PROCESS_CPUTIME_ID);
+}
+static inline double thread_s(void) {
+  return clock_s(CLOCK_THREAD_CPUTIME_ID);
 }
 
 static inline int by_value(const void *a, const void *b) {

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """Other codecs on the light fields of codec.c: how much smaller the layered scheme is at equal PSNR.
 
-usage: peers.py CODEC CODEC.json [BAKE_DIR SURFACE RAYS LABEL]...
+usage: peers.py CODEC CODEC.json LABEL BAKE_DIR SURFACE RAYS
 
-CODEC is the C program, CODEC.json what it measured: of each label the layered scheme's PSNR and
-ratio. Adds the peers' numbers to that file. PSNR is of all R G B codes, ratios are against 24 bits a
+CODEC is the C program, CODEC.json what it measured there: the layered scheme's PSNR and ratio. Adds
+the peers' numbers to that file. PSNR is of all R G B codes, ratios are against 24 bits a
 texel. Peers that code image by image take SLICES slices, spread over all directions.
 """
 import json
@@ -12,6 +12,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 
 import imagecodecs
 import numpy as np
@@ -199,31 +200,27 @@ def ours_at(codec, bake, target):
 
 
 def main():
-    codec, path, jobs = sys.argv[1], sys.argv[2], sys.argv[3:]
+    codec, path, label, *bake = sys.argv[1:]
     with open(path) as file:
         numbers = json.load(file)
-    least = {}
-    for i in range(0, len(jobs), 4):
-        bake, label = jobs[i : i + 3], jobs[i + 3]
-        target, ours = numbers["psnr_layered_" + label], numbers["ratio_layered_" + label]
-        codes, exists = read_field(codec, bake)
-        which = np.argwhere(exists)
-        which = which[np.linspace(0, len(which) - 1, min(SLICES, len(which))).astype(int)]
-        slices = np.ascontiguousarray(codes[which[:, 0], which[:, 1]])
-        peers = {"jxl": jxl(slices, target), "avif": avif(slices, target), "zfp": zfp(codes, target),
-                 "astc": astc(slices, target), "vq": vq(codes, exists)}
-        for name, points in peers.items():
-            ratio, mine = at_psnr(points, target), ours
-            if ratio is None:  # what cannot reach the PSNR is met at its own
-                at, ratio = min(points, key=lambda p: abs(p[0] - target))
-                reached, mine = ours_at(codec, bake, at)
-                numbers[f"psnr_{name}_{label}"] = round(at, 2)
-            numbers[f"ratio_{name}_{label}"] = round(ratio, 3)
-            gain = numbers[f"ratio_layered_vs_{name}_{label}"] = round(mine / ratio, 3)
-            least[name] = min(gain, least.get(name, gain))
-            print(f"{label} {name}: {ratio:.2f}:1, layered {gain:.2f} times smaller", file=sys.stderr)
-    for name, gain in least.items():
-        numbers["ratio_layered_vs_" + name] = gain
+    target, ours = numbers["psnr_layered_" + label], numbers["ratio_layered_" + label]
+    codes, exists = read_field(codec, bake)
+    which = np.argwhere(exists)
+    which = which[np.linspace(0, len(which) - 1, min(SLICES, len(which))).astype(int)]
+    slices = np.ascontiguousarray(codes[which[:, 0], which[:, 1]])
+    peers = {"jxl": lambda: jxl(slices, target), "avif": lambda: avif(slices, target), "zfp": lambda: zfp(codes, target),
+             "astc": lambda: astc(slices, target), "vq": lambda: vq(codes, exists)}
+    for name, measure in peers.items():
+        begin = time.monotonic()
+        points = measure()
+        ratio, mine = at_psnr(points, target), ours
+        if ratio is None:  # what cannot reach the PSNR is met at its own
+            at, ratio = min(points, key=lambda p: abs(p[0] - target))
+            _, mine = ours_at(codec, bake, at)
+            numbers[f"psnr_{name}_{label}"] = round(at, 2)
+        numbers[f"ratio_{name}_{label}"] = round(ratio, 3)
+        gain = numbers[f"ratio_layered_vs_{name}_{label}"] = round(mine / ratio, 3)
+        print(f"{label} {name}: {ratio:.2f}:1, layered {gain:.2f} times smaller; {time.monotonic() - begin:.0f} s", file=sys.stderr)
     with open(path + ".part", "w") as file:
         json.dump(numbers, file, indent=1)
         file.write("\n")
