@@ -59,11 +59,17 @@ struct block_cache {
   size_t hand;
   uint32_t stamp;        /* of the latest fetch */
   size_t latest_count;   /* its blocks: pinned while the next fetch runs */
+  bool is_fetching;      /* from fetch_later to finish: one fetch */
   cached_layer *layers;  /* LEVEL_COUNT for each layer */
   uint32_t *first_layer; /* of each surface */
   uint32_t layer_count;
   uint32_t frame;
   block_cache_counts counts;
+  /* What fetch_later found missing. */
+  const cached_layer *missing_layer;
+  slf_block_address missing_addresses[BLOCK_MAX_SLICES];
+  uint8_t *missing_targets[BLOCK_MAX_SLICES];
+  size_t missing_count;
   /* What was announced and is missing; room for announced_capacity of each. */
   announced_run *runs;
   slice_index *announced_slices;
@@ -193,15 +199,13 @@ static void sum_half(const cached_layer *layer, const slf_block_address *address
 }
 
 /* A block of a coarser level: the mean of its samples. */
-static void decode_mean(const cached_layer *layer, slice_index slice, uint32_t block_u,
-                        uint32_t block_v, uint8_t *target) {
+static void decode_mean(const cached_layer *layer, slf_block_address a, uint8_t *target) {
   slice_index samples[ANGULAR_MAX_SAMPLES];
   slf_block_address addresses[ANGULAR_MAX_SAMPLES];
   float mean[3 * 64] = {0};
-  size_t count = angular_samples(layer->s_count, layer->t_count, layer->level, slice, samples);
-  for (size_t i = 0; i < count; i++) {
-    addresses[i] = address_of(samples[i], block_u, block_v);
-  }
+  size_t count = angular_samples(layer->s_count, layer->t_count, layer->level,
+                                 (slice_index)(a.s << 8 | a.t), samples);
+  for (size_t i = 0; i < count; i++) addresses[i] = address_of(samples[i], a.block_u, a.block_v);
   if (layer->format == U_BLOCK_CODES)
     sum_codes(layer, addresses, count, mean);
   else
@@ -261,20 +265,23 @@ static void count_decompressions(cached_layer *layer, uint32_t block_u, uint32_t
   }
 }
 
-/* Blocks of one place; any thread. */
-static void decompress(const cached_layer *layer, uint32_t block_u, uint32_t block_v,
-                       slice_index *slices, uint8_t **targets, size_t count) {
-  slf_block_address addresses[BLOCK_MAX_SLICES];
-  if (layer->level > 0) {
-    for (size_t i = 0; i < count; i++) decode_mean(layer, slices[i], block_u, block_v, targets[i]);
-    return;
-  }
-  sort_for_decoding(slices, targets, count);
-  for (size_t i = 0; i < count; i++) addresses[i] = address_of(slices[i], block_u, block_v);
-  if (layer->format == U_BLOCK_CODES)
+/* Any thread. */
+static void decompress(const cached_layer *layer, const slf_block_address *addresses,
+                       uint8_t *const *targets, size_t count) {
+  if (layer->level > 0)
+    for (size_t i = 0; i < count; i++) decode_mean(layer, addresses[i], targets[i]);
+  else if (layer->format == U_BLOCK_CODES)
     slf_decode_blocks(layer->cache->file, layer->surface, layer->layer, addresses, count, targets);
   else
     decode_half(layer, addresses, count, targets);
+}
+
+/* Slices of one place, put in order, and their addresses. */
+static void order_place(const cached_layer *layer, uint32_t block_u, uint32_t block_v,
+                        slice_index *slices, uint8_t **targets, size_t count,
+                        slf_block_address *addresses) {
+  if (layer->level == 0) sort_for_decoding(slices, targets, count);
+  for (size_t i = 0; i < count; i++) addresses[i] = address_of(slices[i], block_u, block_v);
 }
 
 /* A slot for a block that is missing. */
@@ -291,17 +298,13 @@ static uint64_t place_key(const cached_layer *layer, uint32_t block_u, uint32_t 
   return layer->key_base | ((uint64_t)block_v * layer->block_u_count + block_u) << 16;
 }
 
-static void fetch_blocks(void *context, uint32_t block_u, uint32_t block_v,
-                         const slice_index *slices, size_t count, const uint8_t **u_blocks) {
-  cached_layer *layer = context;
+/* Takes slots for what is missing, and says what is. */
+static size_t look_up(cached_layer *layer, uint32_t block_u, uint32_t block_v,
+                      const slice_index *slices, size_t count, const uint8_t **u_blocks,
+                      slice_index *missing, uint8_t **targets) {
   block_cache *cache = layer->cache;
-  slice_index missing[BLOCK_MAX_SLICES];
-  uint8_t *targets[BLOCK_MAX_SLICES];
   size_t missing_count = 0;
   uint64_t base = place_key(layer, block_u, block_v);
-  assert(count <= BLOCK_MAX_SLICES);
-
-  begin_fetch(cache, count);
   for (size_t i = 0; i < count; i++)
     __builtin_prefetch(&cache->table[home_of(cache, base | slices[i])]);
   for (size_t i = 0; i < count; i++) {
@@ -318,9 +321,54 @@ static void fetch_blocks(void *context, uint32_t block_u, uint32_t block_v,
   cache->counts.frame_lookups += count;
   cache->counts.hits += count - missing_count;
   cache->counts.frame_hits += count - missing_count;
+  if (missing_count > 0) count_decompressions(layer, block_u, block_v, missing, missing_count);
+  return missing_count;
+}
+
+static void fetch_blocks(void *context, uint32_t block_u, uint32_t block_v,
+                         const slice_index *slices, size_t count, const uint8_t **u_blocks) {
+  cached_layer *layer = context;
+  slice_index missing[BLOCK_MAX_SLICES];
+  uint8_t *targets[BLOCK_MAX_SLICES];
+  slf_block_address addresses[BLOCK_MAX_SLICES];
+  assert(count <= BLOCK_MAX_SLICES && !layer->cache->is_fetching);
+  begin_fetch(layer->cache, count);
+  size_t missing_count =
+      look_up(layer, block_u, block_v, slices, count, u_blocks, missing, targets);
   if (missing_count == 0) return;
-  count_decompressions(layer, block_u, block_v, missing, missing_count);
-  decompress(layer, block_u, block_v, missing, targets, missing_count);
+  order_place(layer, block_u, block_v, missing, targets, missing_count, addresses);
+  decompress(layer, addresses, targets, missing_count);
+}
+
+static void fetch_blocks_later(void *context, uint32_t block_u, uint32_t block_v,
+                               const slice_index *slices, size_t count, const uint8_t **u_blocks) {
+  cached_layer *layer = context;
+  block_cache *cache = layer->cache;
+  slice_index missing[BLOCK_MAX_SLICES];
+  if (cache->is_fetching) {
+    assert(cache->missing_layer == layer && cache->latest_count + count <= BLOCK_MAX_SLICES);
+    cache->latest_count += count;
+  } else {
+    begin_fetch(cache, count);
+    cache->is_fetching = true;
+    cache->missing_layer = layer;
+    cache->missing_count = 0;
+  }
+  uint8_t **targets = cache->missing_targets + cache->missing_count;
+  size_t missing_count =
+      look_up(layer, block_u, block_v, slices, count, u_blocks, missing, targets);
+  if (missing_count == 0) return;
+  order_place(layer, block_u, block_v, missing, targets, missing_count,
+              cache->missing_addresses + cache->missing_count);
+  cache->missing_count += missing_count;
+}
+
+static void finish_fetch(void *context) {
+  block_cache *cache = ((cached_layer *)context)->cache;
+  if (cache->is_fetching && cache->missing_count > 0)
+    decompress(cache->missing_layer, cache->missing_addresses, cache->missing_targets,
+               cache->missing_count);
+  cache->is_fetching = false;
 }
 
 /* ---- Ahead -------------------------------------------------------------------------------------
@@ -357,8 +405,11 @@ static void *decompress_runs(void *context) {
   size_t i;
   while ((i = atomic_fetch_add(&cache->next_run, 1)) < cache->run_count) {
     const announced_run *run = &cache->runs[i];
-    decompress(run->layer, run->block_u, run->block_v, cache->announced_slices + run->first,
-               cache->announced_targets + run->first, run->count);
+    slf_block_address addresses[BLOCK_MAX_SLICES];
+    uint8_t **targets = cache->announced_targets + run->first;
+    order_place(run->layer, run->block_u, run->block_v, cache->announced_slices + run->first,
+                targets, run->count, addresses);
+    decompress(run->layer, addresses, targets, run->count);
   }
   return NULL;
 }
@@ -401,6 +452,7 @@ void block_cache_clear(block_cache *cache) {
   }
   for (uint64_t i = 0; i <= cache->table_mask; i++) cache->table[i].key = no_key;
   cache->latest_count = cache->resident = cache->hand = 0;
+  cache->is_fetching = false;
   cache->stamp = 1;
 }
 
@@ -514,7 +566,9 @@ block_source block_cache_level(block_cache *cache, uint32_t surface_index, uint3
       cache->codes[i] = slf_srgb_from_linear((float)i / (CODES_COUNT - 1));
   }
   return (block_source){.fetch = fetch_blocks,
-                        .context = layer_at(cache, surface_index, layer_index, level)};
+                        .context = layer_at(cache, surface_index, layer_index, level),
+                        .fetch_later = fetch_blocks_later,
+                        .finish = finish_fetch};
 }
 
 const block_cache_counts *block_cache_get_counts(const block_cache *cache) {

@@ -20,14 +20,22 @@ typedef enum {
 
 enum { U_BLOCK_HALF_NBYTES = 512 };
 
-/* Sets u_blocks[i] to the U-Block of slices[i] at block (block_u, block_v) of the source's layer,
- * for i < count <= BLOCK_MAX_SLICES. The slices differ from each other. The addresses stay valid
- * until the call after the next one, so that one block can be fetched while the block before it is
- * mixed. */
+/* fetch: sets u_blocks[i] to the U-Block of slices[i] at block (block_u, block_v) of the source's
+ * layer, for i < count <= BLOCK_MAX_SLICES. The slices differ from each other. The addresses stay
+ * valid until the call after the next one, so that one block can be fetched while the block before
+ * it is mixed.
+ *
+ * fetch_later (NULL: the source has nothing to gain from it): the same, but what is at the
+ * addresses is there only after `finish`, which makes all of it at once. At most BLOCK_MAX_SLICES
+ * slices in all may be asked for until then, each once, and nothing else of what the source shares
+ * its blocks with. The addresses stay valid until the next fetch_later or fetch after `finish`. */
 typedef struct {
   void (*fetch)(void *context, uint32_t block_u, uint32_t block_v, const slice_index *slices,
                 size_t count, const uint8_t **u_blocks);
   void *context;
+  void (*fetch_later)(void *context, uint32_t block_u, uint32_t block_v, const slice_index *slices,
+                      size_t count, const uint8_t **u_blocks);
+  void (*finish)(void *context);
 } block_source;
 
 #endif

@@ -30,6 +30,10 @@ typedef struct {
   size_t row_nbytes;
 } pending_block;
 
+/* Of a source that makes blocks at once rather than one by one as many are taken in before they are
+ * mixed; else one, which the next one's U-Blocks come into the processor's cache behind. */
+enum { MOST_PENDING = 8 };
+
 typedef struct {
   uint32_t stamp; /* the block that noted it last */
   uint32_t number;
@@ -42,9 +46,9 @@ struct resampler {
   resample_kernel kernel;
   void (*place)(const resampler *, const block_directions *, pending_block *);
   void (*mix)(const pending_block *);
-  pending_block pending[2];
-  int latest;
-  bool has_pending;
+  pending_block pending[MOST_PENDING];
+  uint32_t first_pending, pending_count; /* a ring, of blocks taken in and not yet mixed */
+  size_t pending_slices;
   uint32_t stamp;
   note *cells, *slices; /* of each slice: what the block taken in has asked for so far */
 };
@@ -193,12 +197,19 @@ static void find_slices(resampler *r, pending_block *p, block_slices *b) {
   }
 }
 
+/* Where the block's slices are, or will be when the source has finished. */
 static void find_taps(resampler *r, uint32_t block_u, uint32_t block_v, pending_block *p) {
   const uint8_t *u_blocks[BLOCK_MAX_SLICES];
   block_slices b;
   if (p->mask == 0) return;
   find_slices(r, p, &b);
-  r->source.fetch(r->source.context, block_u, block_v, b.slices, b.slice_count, u_blocks);
+  if (r->source.fetch_later) {
+    if (r->pending_slices + b.slice_count > BLOCK_MAX_SLICES) resample_flush(r);
+    r->pending_slices += b.slice_count;
+    r->source.fetch_later(r->source.context, block_u, block_v, b.slices, b.slice_count, u_blocks);
+  } else {
+    r->source.fetch(r->source.context, block_u, block_v, b.slices, b.slice_count, u_blocks);
+  }
   const int u_block_nbytes = r->format == U_BLOCK_HALF ? U_BLOCK_HALF_NBYTES : SLF_BLOCK_NBYTES;
   for (size_t i = 0; i < b.slice_count; i++)
     for (int line = 0; line < u_block_nbytes; line += 64) __builtin_prefetch(u_blocks[i] + line);
@@ -386,22 +397,31 @@ void resampler_free(resampler *r) {
   free(r);
 }
 
+/* The place that the next block is taken in at; there is always one. */
+static pending_block *free_pending(resampler *r) {
+  return &r->pending[(r->first_pending + r->pending_count) % MOST_PENDING];
+}
+
 void resample_flush(resampler *r) {
-  if (r->has_pending) mix(r, &r->pending[r->latest]);
-  r->has_pending = false;
+  if (r->pending_slices > 0) r->source.finish(r->source.context);
+  r->pending_slices = 0;
+  for (; r->pending_count > 0; r->pending_count--) {
+    mix(r, &r->pending[r->first_pending]);
+    r->first_pending = (r->first_pending + 1) % MOST_PENDING;
+  }
 }
 
 void resample_block(resampler *r, uint32_t block_u, uint32_t block_v,
                     const block_directions *directions, uint16_t *out, size_t row_nbytes) {
-  pending_block *p = &r->pending[1 - r->latest];
+  pending_block *p = free_pending(r);
   p->mask = directions->mask;
   p->out = out;
   p->row_nbytes = row_nbytes;
   r->place(r, directions, p);
   find_taps(r, block_u, block_v, p);
-  resample_flush(r);
-  r->latest = 1 - r->latest;
-  r->has_pending = true;
+  if (!r->source.fetch_later) resample_flush(r);
+  r->pending_count++;
+  if (r->pending_count == MOST_PENDING) resample_flush(r);
 }
 
 void resample_ask(resampler *r, uint32_t block_u, uint32_t block_v,
@@ -409,7 +429,7 @@ void resample_ask(resampler *r, uint32_t block_u, uint32_t block_v,
                   void (*ask)(void *context, uint32_t block_u, uint32_t block_v,
                               const slice_index *slices, size_t count),
                   void *context) {
-  pending_block *p = &r->pending[1 - r->latest]; /* the other one may still be mixed */
+  pending_block *p = free_pending(r);
   block_slices b;
   p->mask = directions->mask;
   if (p->mask == 0) return;

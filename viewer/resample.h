@@ -6,7 +6,8 @@
  * reflected by ripples: it may differ from texel to texel.
  *
  * Blocks stream through: resample_block finds the slices of its block, asks the source for them,
- * and, while they come into the processor's cache, mixes the block given before it. One look-up
+ * and, while they come into the processor's cache, mixes a block given before it; of a source that
+ * decompresses, several blocks, whose missing slices are then decompressed together. One look-up
  * serves all texels of a block that read a slice; a C-Block is asked for once a call. So call
  * resample_block once for each block of texels and resample_flush after the last:
  *
@@ -45,9 +46,10 @@ void resampler_use_format(resampler *r, u_block_format format);
  * directions (angular_level.h). At most as many as at creation. */
 void resampler_use_slices(resampler *r, uint32_t s_count, uint32_t t_count, block_source source);
 
-/* Takes in a block of texels, copying *directions, and writes the one taken in before. `out` is 8
- * rows of 8 texels R G B A, rows row_nbytes apart, linear radiance as IEEE half floats, A = 1; it
- * is written by the next call or by the flush, and must stay valid until then. (Half floats: what
+/* Takes in a block of texels, copying *directions, and writes ones taken in before. `out` is 8 rows
+ * of 8 texels R G B A, rows row_nbytes apart, linear radiance as IEEE half floats, A = 1; it is
+ * written by a later call or by the flush, and must stay valid until then. Whatever else takes
+ * blocks from the source's cache waits for the flush. (Half floats: what
  * is mixed in linear light is filtered in linear light, so going back to display code in between
  * would cost a root and a division a texel, and precision.) */
 void resample_block(resampler *r, uint32_t block_u, uint32_t block_v,

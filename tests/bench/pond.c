@@ -74,7 +74,7 @@ static block_source table_source(void *context, uint32_t surface, uint32_t layer
       slf_decode_block(set->file, surface, 0, address, x->blocks + i * SLF_BLOCK_NBYTES);
     }
   }
-  return (block_source){fetch, x};
+  return (block_source){.fetch = fetch, .context = x};
 }
 
 /* ---- Frames ------------------------------------------------------------------------------------

@@ -78,7 +78,7 @@ static bool open_scene(scene *x, const slf_file *file, const scene *tables, size
     const slf_surface *surface = slf_get_surface(file, i);
     const slf_layer *layer = &surface->layers[0];
     if (layer->slice_count == 1) continue;
-    block_source source = {fetch_table, &x->tables[x->count]};
+    block_source source = {.fetch = fetch_table, .context = &x->tables[x->count]};
     if (x->cache)
       source = block_cache_layer(x->cache, i, 0);
     else if (!fill_table(&x->tables[x->count], file, i, layer))

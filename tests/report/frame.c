@@ -231,7 +231,7 @@ static block_source source_noted(void *context, uint32_t surface) {
   *x = (noted_layer){need(calloc((size_t)layer->block_u_count * layer->block_v_count,
                                  (size_t)all->directions * all->directions)),
                      layer->block_u_count, all->directions, 0};
-  return (block_source){fetch_noted, x};
+  return (block_source){.fetch = fetch_noted, .context = x};
 }
 
 /* The camera moves across its line of sight, as the paper's does: by OFFSET fifths of its distance

@@ -69,7 +69,7 @@ static inline void fetch_closed_form(void *context, uint32_t block_u, uint32_t b
 }
 
 static inline block_source closed_form_source(closed_form *f) {
-  return (block_source){fetch_closed_form, f};
+  return (block_source){.fetch = fetch_closed_form, .context = f};
 }
 
 /* What a mix of correct taps may be off by, in linear radiance. A tap's code is half a code off,

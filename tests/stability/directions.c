@@ -175,7 +175,7 @@ static void one_ulp_either_side_of_a_cell(void **state) {
   static const uint32_t counts[] = {2, 3, 5, 8, 12, 16, 31, 32, 64, 100, 256};
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {
     const uint32_t count = counts[n];
-    resampler *r = resampler_create(count, count, (block_source){fetch_checkerboard, NULL});
+    resampler *r = resampler_create(count, count, (block_source){.fetch = fetch_checkerboard});
     double worst = 0;
     for (uint32_t i = 0; i < count; i++)
       for (uint32_t j = 0; j < count; j++) {
@@ -230,7 +230,8 @@ static void the_rim_reads_what_is_stored(void **state) {
   for (uint32_t count = 1; count <= 256; count++)
     for (int other = 0; other < 2; other++) {
       counts_of n = {count, other ? 1 + count * 37 % 256 : count};
-      resampler *r = resampler_create(n.s_count, n.t_count, (block_source){fetch_stored, &n});
+      resampler *r = resampler_create(n.s_count, n.t_count,
+                                      (block_source){.fetch = fetch_stored, .context = &n});
       for (size_t first = 0; first < AZIMUTHS; first += 64) {
         block_directions d = {.mask = ~(uint64_t)0};
         mixed_block mixed;

@@ -270,6 +270,42 @@ static void test_flight(void **state) {
   block_cache_free(cache);
 }
 
+/* Several places are asked for before anything is there; then all of it is, whatever the cache
+ * holds, as long as nothing else is fetched. */
+static void test_fetching_later(void **state) {
+  (void)state;
+  enum { PLACES = 6, SLICES = BLOCK_MAX_SLICES / PLACES };
+  static const size_t capacities[] = {0, 2, 37, 300};
+  srand(4);
+  for (size_t i = 0; i < 4; i++) {
+    block_cache *cache = block_cache_create(file, capacities[i]);
+    for (int round = 0; round < 200; round++) {
+      block_source source = block_cache_layer(cache, (uint32_t)round % 2, 0);
+      slf_block_address addresses[PLACES][SLICES];
+      const uint8_t *blocks[PLACES][SLICES];
+      for (uint16_t place = 0; place < PLACES; place++) {
+        slice_index slices[SLICES];
+        uint32_t start = (uint32_t)rand() % (DIRECTIONS * DIRECTIONS - SLICES);
+        for (uint32_t k = 0; k < SLICES; k++) {
+          uint32_t s = (start + k) / DIRECTIONS, t = (start + k) % DIRECTIONS;
+          slices[k] = (slice_index)(s << 8 | t);
+          addresses[place][k] = (slf_block_address){(uint16_t)s, (uint16_t)t, place, 1};
+        }
+        source.fetch_later(source.context, place, 1, slices, SLICES, blocks[place]);
+      }
+      source.finish(source.context);
+      for (int place = 0; place < PLACES; place++)
+        for (int k = 0; k < SLICES; k++) {
+          uint8_t expected[SLF_BLOCK_NBYTES];
+          slf_decode_block(file, (uint32_t)round % 2, 0, addresses[place][k], expected);
+          assert_memory_equal(blocks[place][k], expected, SLF_BLOCK_NBYTES);
+        }
+      assert_true(block_cache_resident(cache) <= capacities[i] + 2 * BLOCK_MAX_SLICES);
+    }
+    block_cache_free(cache);
+  }
+}
+
 /* ---- Angular levels ----------------------------------------------------------------------------
  */
 
@@ -425,6 +461,7 @@ int main(void) {
       cmocka_unit_test(test_decoding_ahead),
       cmocka_unit_test(test_counts_of_a_frame_and_the_map),
       cmocka_unit_test(test_random_fetches),
+      cmocka_unit_test(test_fetching_later),
       cmocka_unit_test(test_samples_of_a_level),
       cmocka_unit_test(test_a_level_is_the_mean),
       cmocka_unit_test(test_the_coarsest_level_is_matte),

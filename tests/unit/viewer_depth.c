@@ -143,9 +143,9 @@ static difference mix(setting how) {
   height.height_unit = (float)height_unit;
   const slf_surface square = unit_square();
   uint32_t blocks = BLOCKS * how.fineness;
-  depth_mixer *m = depth_mixer_create(&layer, (block_source){fetch, &light}, &height,
-                                      (block_source){fetch, &heights}, &square,
-                                      TEXELS * how.fineness, TEXELS * how.fineness);
+  depth_mixer *m = depth_mixer_create(&layer, (block_source){.fetch = fetch, .context = &light},
+                                      &height, (block_source){.fetch = fetch, .context = &heights},
+                                      &square, TEXELS * how.fineness, TEXELS * how.fineness);
   difference sum = {0};
   assert_non_null(m);
   depth_mixer_use_kernel(m, how.kernel);
@@ -260,8 +260,9 @@ static void directions_outside_are_held(void **state) {
   slf_layer height = layer;
   height.height_unit = (float)height_unit;
   const slf_surface square = unit_square();
-  depth_mixer *m = depth_mixer_create(&layer, (block_source){fetch, &light}, &height,
-                                      (block_source){fetch, &heights}, &square, TEXELS, TEXELS);
+  depth_mixer *m = depth_mixer_create(&layer, (block_source){.fetch = fetch, .context = &light},
+                                      &height, (block_source){.fetch = fetch, .context = &heights},
+                                      &square, TEXELS, TEXELS);
   const float odd[] = {NAN, INFINITY, -INFINITY, 1e30f, -5, 2, 0, 1};
   block_directions d = {.mask = 0x7fffffffffffffff};
   uint16_t out[64 * 4];

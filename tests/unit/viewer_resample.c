@@ -167,7 +167,7 @@ static void test_equal_taps_keep_their_code(void **state) {
       uint8_t flat[256];
       uint16_t out[256];
       memset(flat, code, sizeof flat);
-      resampler *r = resampler_create(16, 16, (block_source){fetch_flat, flat});
+      resampler *r = resampler_create(16, 16, (block_source){.fetch = fetch_flat, .context = flat});
       resampler_use_kernel(r, kernel ? RESAMPLE_PLAIN_C : RESAMPLE_BEST);
       resample_block(r, 0, 0, &d, out, 64);
       resample_flush(r);
