@@ -37,7 +37,10 @@ static const char usage[] =
     "     --angular=none|identical|motion|layered (layered)\n"
     "     --quality=1..100 (75) | --target-psnr=DB | --target-ratio=R\n"
     "     --threads=N                       (all processors)\n"
-    "  slf compare A.slf B.slf              PSNR of every slice of B against A, and of all\n"
+    "  slf compare A B                      PSNR of every slice of B against A, and of all; files, "
+    "or\n"
+    "                                       folders of slices beside one layer\n"
+    "     --surface=S --layer=N             of this layer only (of a folder's other side 0, 0)\n"
     "  slf bench FILE                       time of a block, in order and at random\n"
     "\n"
     "SURFACE is a name or a number from 0. S and T count directions from 0.\n"
@@ -45,7 +48,8 @@ static const char usage[] =
     "  slf info build/floor.slf\n"
     "  slf slice build/floor.slf floor 8 8 floor.png\n"
     "  slf encode --target-psnr=40 build/floor.slf small.slf\n"
-    "  slf decode --exr build/floor.slf floor slices && slf encode slices floor.slf\n";
+    "  slf decode --exr build/floor.slf floor slices && slf encode slices floor.slf\n"
+    "  slf compare slices floor.slf\n";
 
 static int failed(const slf_error *error) {
   fprintf(stderr, "slf: %s\n", error->message);
@@ -425,63 +429,152 @@ static double psnr_of(double squares, double count) {
   return squares > 0 ? 10 * log10(255 * 255 * count / squares) : INFINITY;
 }
 
-/* Of one layer; the sums go on. */
-static slf_result compare_layers(const chosen_layer *a, const chosen_layer *b, double *squares,
-                                 double *count, slf_error *error) {
-  size_t samples = 3 * (size_t)a->of->u_count * a->of->v_count;
+/* One side of a comparison: a layer, or a folder of slices. */
+typedef struct {
+  const char *name;
+  uint32_t layer, u_count, v_count, s_count, t_count;
+  slf_source source;
+} light_field;
+
+static light_field field_of_layer(chosen_layer *c) {
+  return (light_field){c->self->name,  c->layer,       c->of->u_count,         c->of->v_count,
+                       c->of->s_count, c->of->t_count, {read_decoded, c, NULL}};
+}
+
+static slf_result field_of_folder(slice_folder *f, light_field *field, slf_error *error) {
+  slf_result result = open_folder(f, error);
+  const slf_layer_options *o = &f->options;
+  *field = (light_field){
+      f->folder, 0, o->u_count, o->v_count, o->s_count, o->t_count, {read_folder_slice, f, NULL}};
+  return result;
+}
+
+typedef struct {
+  double squares, count;
+} error_sum;
+
+/* PSNR of each slice; the sum goes on. */
+static slf_result compare_fields(const light_field *a, const light_field *b, error_sum *all,
+                                 slf_error *error) {
+  if (a->u_count != b->u_count || a->v_count != b->v_count || a->s_count != b->s_count ||
+      a->t_count != b->t_count) {
+    snprintf(error->message, sizeof error->message,
+             "%.200s: %ux%u texels, %ux%u directions; %.200s has %ux%u, %ux%u", b->name, b->u_count,
+             b->v_count, b->s_count, b->t_count, a->name, a->u_count, a->v_count, a->s_count,
+             a->t_count);
+    return SLF_ERROR_ARGUMENT;
+  }
+  size_t samples = 3 * (size_t)a->u_count * a->v_count;
   float *x = malloc(samples * sizeof *x), *y = malloc(samples * sizeof *y);
   slf_result result = SLF_OK;
   if (!x || !y) {
-    snprintf(error->message, sizeof error->message, "%s: no memory", a->self->name);
+    snprintf(error->message, sizeof error->message, "%.400s: no memory", a->name);
     result = SLF_ERROR_MEMORY;
   }
-  for (uint32_t i = 0; result == SLF_OK && i < a->of->s_count * a->of->t_count; i++) {
-    uint32_t s = i % a->of->s_count, t = i / a->of->s_count;
+  for (uint32_t i = 0; result == SLF_OK && i < a->s_count * a->t_count; i++) {
+    uint32_t s = i % a->s_count, t = i / a->s_count;
     double sum = 0;
-    if (!slf_slice_exists(a->of->s_count, a->of->t_count, s, t)) continue;
-    result = slf_decode_slice(a->file, a->surface, a->layer, s, t, x, error);
-    if (result == SLF_OK) result = slf_decode_slice(b->file, b->surface, b->layer, s, t, y, error);
-    for (size_t k = 0; result == SLF_OK && k < samples; k++) {
+    if (!slf_slice_exists(a->s_count, a->t_count, s, t)) continue;
+    result = a->source.read_slice(a->source.context, s, t, x, error);
+    if (result == SLF_OK) result = b->source.read_slice(b->source.context, s, t, y, error);
+    if (result != SLF_OK) break;
+    for (size_t k = 0; k < samples; k++) {
       double d = (double)slf_srgb_from_linear(x[k]) - slf_srgb_from_linear(y[k]);
       sum += d * d;
     }
-    printf("%s %u %u %u  %.2f dB\n", a->self->name, a->layer, s, t, psnr_of(sum, (double)samples));
-    *squares += sum;
-    *count += (double)samples;
+    printf("%s %u %u %u  %.2f dB\n", a->name, a->layer, s, t, psnr_of(sum, (double)samples));
+    all->squares += sum;
+    all->count += (double)samples;
   }
   free(x);
   free(y);
   return result;
 }
 
-static int compare(int argc, char **argv) {
-  if (argc != 3) return wrong_usage("compare takes A.slf B.slf", NULL);
-  slf_error error;
-  slf_file *a, *b;
-  if (slf_open(argv[1], &a, &error) != SLF_OK) return failed(&error);
-  if (slf_open(argv[2], &b, &error) != SLF_OK) return slf_close(a), failed(&error);
+/* All layers of two files. */
+static slf_result compare_files(slf_file *a, slf_file *b, const char *path, error_sum *all,
+                                slf_error *error) {
   bool alike = slf_surface_count(a) == slf_surface_count(b);
-  double squares = 0, count = 0;
   slf_result result = SLF_OK;
   for (uint32_t i = 0; alike && result == SLF_OK && i < slf_surface_count(a); i++) {
     const slf_surface *x = slf_get_surface(a, i), *y = slf_get_surface(b, i);
     alike = x->layer_count == y->layer_count;
     for (uint32_t k = 0; alike && result == SLF_OK && k < x->layer_count; k++) {
-      const slf_layer *p = &x->layers[k], *q = &y->layers[k];
-      alike = p->u_count == q->u_count && p->v_count == q->v_count && p->s_count == q->s_count &&
-              p->t_count == q->t_count;
-      chosen_layer of_a = {a, i, k, x, p}, of_b = {b, i, k, y, q};
-      if (alike) result = compare_layers(&of_a, &of_b, &squares, &count, &error);
+      chosen_layer of_a = {a, i, k, x, &x->layers[k]}, of_b = {b, i, k, y, &y->layers[k]};
+      light_field field_a = field_of_layer(&of_a), field_b = field_of_layer(&of_b);
+      result = compare_fields(&field_a, &field_b, all, error);
     }
   }
+  if (alike) return result;
+  snprintf(error->message, sizeof error->message, "%.400s: other surfaces than the first file",
+           path);
+  return SLF_ERROR_ARGUMENT;
+}
+
+static bool is_folder(const char *path) {
+  struct stat status;
+  return stat(path, &status) == 0 && S_ISDIR(status.st_mode);
+}
+
+/* A side that is a folder, or the one layer of a file that a folder stands beside. */
+typedef struct {
+  slice_folder folder;
+  chosen_layer chosen;
+  light_field field;
+} compared_side;
+
+static bool open_side(const char *path, const char *surface, uint32_t layer, compared_side *side) {
+  slf_error error;
+  *side = (compared_side){.folder = {.folder = path}};
+  if (!is_folder(path)) {
+    if (!choose_layer(path, surface, layer, &side->chosen)) return false;
+    side->field = field_of_layer(&side->chosen);
+    return true;
+  }
+  if (field_of_folder(&side->folder, &side->field, &error) == SLF_OK) return true;
+  failed(&error);
+  return false;
+}
+
+static int compare_sides(char **paths, const char *surface, uint32_t layer) {
+  compared_side a = {0}, b = {0};
+  slf_error error;
+  error_sum all = {0};
+  bool done = open_side(paths[0], surface, layer, &a) && open_side(paths[1], surface, layer, &b);
+  if (done && compare_fields(&a.field, &b.field, &all, &error) != SLF_OK)
+    done = (failed(&error), false);
+  if (done) printf("all  %.2f dB\n", psnr_of(all.squares, all.count));
+  slf_close(a.chosen.file);
+  slf_close(b.chosen.file);
+  return done ? EXIT_SUCCESS : EXIT_FAILURE;
+}
+
+static int compare(int argc, char **argv) {
+  static const struct option options[] = {
+      {"surface", required_argument, NULL, 's'}, {"layer", required_argument, NULL, 'l'}, {0}};
+  const char *surface = NULL;
+  uint32_t layer = 0;
+  opterr = 0;
+  for (int option; (option = getopt_long(argc, argv, ":", options, NULL)) != -1;) {
+    if (option == 's')
+      surface = optarg;
+    else if (option != 'l' || !parse_count(optarg, SLF_MAX_LAYERS, &layer))
+      return wrong_usage("expected --surface=S or --layer=N", argv[optind - 1]);
+  }
+  argv += optind;
+  if (argc - optind != 2) return wrong_usage("compare takes A and B", NULL);
+  if (surface || layer || is_folder(argv[0]) || is_folder(argv[1]))
+    return compare_sides(argv, surface ? surface : "0", layer);
+  slf_error error;
+  slf_file *a, *b;
+  if (slf_open(argv[0], &a, &error) != SLF_OK) return failed(&error);
+  if (slf_open(argv[1], &b, &error) != SLF_OK) return slf_close(a), failed(&error);
+  error_sum all = {0};
+  slf_result result = compare_files(a, b, argv[1], &all, &error);
   slf_close(a);
   slf_close(b);
   if (result != SLF_OK) return failed(&error);
-  if (!alike) {
-    fprintf(stderr, "slf: %s: other surfaces than %s\n", argv[2], argv[1]);
-    return EXIT_FAILURE;
-  }
-  printf("all  %.2f dB\n", psnr_of(squares, count));
+  printf("all  %.2f dB\n", psnr_of(all.squares, all.count));
   return EXIT_SUCCESS;
 }
 
