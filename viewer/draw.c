@@ -16,7 +16,8 @@
 
 typedef struct {
   GLuint texture;
-  bool matte; /* made once */
+  bool matte;  /* made once */
+  bool joined; /* the layer before has its radiance, too */
   /* Of a shiny layer. by_depth.depth is NULL where the file has no heights. */
   texture four_tap, by_depth, *shown;
 } drawn_layer;
@@ -450,20 +451,47 @@ static void add_depth_counts(depth_mix_counts *sum, const depth_mix_counts *befo
   sum->four_tap_count += after->four_tap_count - before->four_tap_count;
 }
 
-static void update_layer(drawing *d, drawn_layer *layer, water *w, direction_bend bend,
-                         const camera *c) {
+static void update_layer(drawing *d, drawn_layer *layer, direction_bend bend, const camera *c) {
   texture *x = layer->shown;
   const depth_mix_counts before = x->depth ? *depth_mixer_counts(x->depth) : (depth_mix_counts){0};
-  double start_s = now_s();
   texture_update(x, c, bend);
-  if (w) water_finish_frame(w, x->levels[0].texels, x->levels[0].row_nbytes);
-  texture_make_levels(x);
-  double made_s = now_s();
-  upload_texels(layer, x);
-  d->cost.resample_s += made_s - start_s;
-  d->cost.upload_s += now_s() - made_s;
   d->cost.texel_count += 64 * (size_t)x->made_count;
   if (x->depth) add_depth_counts(&d->cost.depth, &before, depth_mixer_counts(x->depth));
+}
+
+/* A layer's texels can be added to those of the one before, which saves drawing them. */
+static bool can_join(const drawn_layer *before, const drawn_layer *layer) {
+  if (before->matte || layer->matte) return false;
+  const mipmap_level *a = &before->shown->levels[0], *b = &layer->shown->levels[0];
+  return a->width == b->width && a->height == b->height;
+}
+
+static void update_surface(drawing *d, drawn_surface *s, direction_bend bend, const camera *c) {
+  double start_s = now_s();
+  for (uint32_t k = s->layer_count; k-- > 0;) {
+    drawn_layer *layer = &s->layers[k];
+    if (layer->matte) continue;
+    update_layer(d, layer, bend, c);
+    if (k + 1 == s->layer_count) continue;
+    drawn_layer *next = &s->layers[k + 1];
+    next->joined = can_join(layer, next);
+    if (next->joined)
+      mipmap_add(&next->shown->levels[0], &layer->shown->levels[0], layer->shown->changed[0]);
+  }
+  d->cost.resample_s += now_s() - start_s;
+  for (uint32_t k = 0; k < s->layer_count; k++) {
+    drawn_layer *layer = &s->layers[k];
+    if (layer->matte || layer->joined) continue;
+    start_s = now_s();
+    if (s->water)
+      water_finish_frame(s->water, layer->shown->levels[0].texels,
+                         layer->shown->levels[0].row_nbytes);
+    texture_make_levels(layer->shown);
+    double made_s = now_s();
+    upload_texels(layer, layer->shown);
+    d->cost.resample_s += made_s - start_s;
+    d->cost.upload_s += now_s() - made_s;
+  }
 }
 
 /* Makes the shiny layers for the camera, unless they are made for it already. */
@@ -477,8 +505,7 @@ static void update_textures(drawing *d, const camera *c) {
     bool was_bent = s->was_bent;
     s->was_bent = bend.bend != NULL;
     if (!moved && !s->was_bent && !was_bent) continue;
-    for (uint32_t k = 0; k < s->layer_count; k++)
-      if (!s->layers[k].matte) update_layer(d, &s->layers[k], s->water, bend, c);
+    update_surface(d, s, bend, c);
   }
   d->latest = *c;
   d->textures_valid = true;
@@ -549,7 +576,7 @@ slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int he
     gl.BindVertexArray(s->vertex_array);
     /* Radiance is the sum of the layers: all but the first are added at equal depth. */
     for (uint32_t k = 0; k < s->layer_count && (k == 0 || mask_surface < 0); k++) {
-      if (s->layers[k].texture == 0) continue;
+      if (s->layers[k].texture == 0 || s->layers[k].joined) continue;
       if (k == 1) gl.Enable(GL_BLEND);
       gl.BindTexture(GL_TEXTURE_2D, s->layers[k].texture);
       gl.DrawElements(GL_TRIANGLES, s->index_count, GL_UNSIGNED_INT, NULL);

@@ -81,6 +81,41 @@ reduce_f16c(const mipmap_level *fine, const mipmap_level *coarse, mipmap_area ar
 }
 #endif
 
+void mipmap_add_plain(const mipmap_level *light, const mipmap_level *sum, mipmap_area area) {
+  for (uint32_t y = area.y0; y < area.y1; y++)
+    for (uint32_t x = area.x0; x < area.x1; x++) {
+      const uint16_t *texel = texel_at(light, x, y);
+      uint16_t *out = (uint16_t *)(uintptr_t)texel_at(sum, x, y);
+      for (int k = 0; k < 3; k++)
+        out[k] = half_from_float(float_from_half(out[k]) + float_from_half(texel[k]));
+    }
+}
+
+#if HAVE_F16C
+__attribute__((target("avx2,f16c"))) static void
+add_f16c(const mipmap_level *light, const mipmap_level *sum, mipmap_area area) {
+  for (uint32_t y = area.y0; y < area.y1; y++)
+    for (uint32_t x = area.x0; x < area.x1; x++) {
+      __m128i *out = (__m128i *)(uintptr_t)texel_at(sum, x, y);
+      __m128 a =
+          _mm_cvtph_ps(_mm_loadl_epi64((const __m128i *)(const void *)texel_at(light, x, y)));
+      __m128 b = _mm_cvtph_ps(_mm_loadl_epi64(out));
+      _mm_storel_epi64(
+          out, _mm_cvtps_ph(_mm_blend_ps(_mm_add_ps(a, b), b, 8), _MM_FROUND_TO_NEAREST_INT));
+    }
+}
+#endif
+
+void mipmap_add(const mipmap_level *light, const mipmap_level *sum, mipmap_area area) {
+#if HAVE_F16C
+  if (cpu_has_avx2_f16c()) {
+    add_f16c(light, sum, area);
+    return;
+  }
+#endif
+  mipmap_add_plain(light, sum, area);
+}
+
 void mipmap_reduce(const mipmap_level *fine, const mipmap_level *coarse, mipmap_area area) {
 #if HAVE_F16C
   if (cpu_has_avx2_f16c()) {

@@ -23,6 +23,12 @@ typedef struct {
   uint32_t x0, y0, x1, y1;
 } mipmap_area;
 
+/* Adds the colours of another light's level to those of the same texels; both have the same size,
+ * and coverage is the same. */
+void mipmap_add(const mipmap_level *light, const mipmap_level *sum, mipmap_area area);
+/* The same in plain C, the same bytes. */
+void mipmap_add_plain(const mipmap_level *light, const mipmap_level *sum, mipmap_area area);
+
 /* The texels of the next level that `area` of this one reaches. */
 mipmap_area mipmap_reached(const mipmap_level *fine, mipmap_area area);
 

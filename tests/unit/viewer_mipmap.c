@@ -98,6 +98,35 @@ static void test_vector_code_equals_plain_c(void **state) {
   }
 }
 
+/* Colours of both lights, coverage of one; nothing outside the area. */
+static void test_lights_add_up(void **state) {
+  (void)state;
+  srand(24);
+  mipmap_level light = make_level(37, 21, 3), a = make_level(37, 21, 0), b = a, before = a;
+  b.texels = calloc(b.height, b.row_nbytes);
+  before.texels = calloc(b.height, b.row_nbytes);
+  fill_randomly(&light, all_of(&light));
+  fill_randomly(&a, all_of(&a));
+  memcpy(b.texels, a.texels, a.height * a.row_nbytes);
+  memcpy(before.texels, a.texels, a.height * a.row_nbytes);
+  const mipmap_area area = {3, 5, 30, 20};
+  mipmap_add(&light, &a, area);
+  mipmap_add_plain(&light, &b, area);
+  assert_memory_equal(a.texels, b.texels, a.height * a.row_nbytes);
+  for (uint32_t y = 0; y < a.height; y++)
+    for (uint32_t x = 0; x < a.width; x++)
+      for (int c = 0; c < 4; c++) {
+        bool inside = x >= area.x0 && x < area.x1 && y >= area.y0 && y < area.y1;
+        float was = float_from_half(texel_at(&before, x, y)[c]);
+        float more = inside && c < 3 ? float_from_half(texel_at(&light, x, y)[c]) : 0;
+        assert_true(texel_at(&a, x, y)[c] == half_from_float(was + more));
+      }
+  free(light.texels);
+  free(a.texels);
+  free(b.texels);
+  free(before.texels);
+}
+
 /* Where an area changes, what mipmap_reached names is all that needs to be made, down to 1x1. */
 static void test_a_part_made_anew_is_the_whole(void **state) {
   (void)state;
@@ -134,6 +163,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_is_the_box_filter),
       cmocka_unit_test(test_vector_code_equals_plain_c),
+      cmocka_unit_test(test_lights_add_up),
       cmocka_unit_test(test_a_part_made_anew_is_the_whole),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
