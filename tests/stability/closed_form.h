@@ -8,6 +8,7 @@
 #include "tests/light_field.h"
 #include "viewer/block_source.h"
 #include "viewer/half.h"
+#include "viewer/texture.h"
 
 /* L = 1/2 + a cos(w s + 0.7 c) cos(w t + 2 pi u + v) for channel c: periodic in u, within 0.3 ..
  * 0.7, |L_s|, |L_t| <= a w, |L_ss|, |L_tt| <= a w^2. */
@@ -70,6 +71,30 @@ static inline void fetch_closed_form(void *context, uint32_t block_u, uint32_t b
 
 static inline block_source closed_form_source(closed_form *f) {
   return (block_source){.fetch = fetch_closed_form, .context = f};
+}
+
+/* A mesh whose texture is mixed from it. */
+typedef struct {
+  closed_form field;
+  texture texture;
+} shiny;
+
+static inline void make_shiny(shiny *x, const slf_mesh *mesh, uint32_t u_count, uint32_t v_count,
+                              uint32_t directions, uint32_t dice_px) {
+  x->field = closed_form_make(u_count, v_count, directions, directions);
+  const slf_layer layer = {
+      .u_count = u_count, .v_count = v_count, .s_count = directions, .t_count = directions};
+  assert_true(texture_create(&x->texture, mesh, &layer, closed_form_source(&x->field), dice_px));
+}
+
+static inline void free_shiny(shiny *x) {
+  texture_free(&x->texture);
+  closed_form_free(&x->field);
+}
+
+static inline const uint16_t *texel_at(const shiny *x, uint32_t column, uint32_t row) {
+  const mipmap_level *level = &x->texture.levels[0];
+  return level->texels + row * level->row_nbytes / sizeof *level->texels + column * 4;
 }
 
 /* What a mix of correct taps may be off by, in linear radiance. A tap's code is half a code off,

@@ -36,32 +36,6 @@ static camera looking(const float eye[3], const float at[3]) {
   return camera_of_view(&view, 1, 1);
 }
 
-/* ---- A texture and its light field -------------------------------------------------------------
- */
-
-typedef struct {
-  closed_form field;
-  texture texture;
-} shiny;
-
-static void make_shiny(shiny *x, const slf_mesh *mesh, uint32_t u_count, uint32_t v_count,
-                       uint32_t directions, uint32_t dice_px) {
-  x->field = closed_form_make(u_count, v_count, directions, directions);
-  const slf_layer layer = {
-      .u_count = u_count, .v_count = v_count, .s_count = directions, .t_count = directions};
-  assert_true(texture_create(&x->texture, mesh, &layer, closed_form_source(&x->field), dice_px));
-}
-
-static void free_shiny(shiny *x) {
-  texture_free(&x->texture);
-  closed_form_free(&x->field);
-}
-
-static const uint16_t *texel_at(const shiny *x, uint32_t column, uint32_t row) {
-  const mipmap_level *level = &x->texture.levels[0];
-  return level->texels + row * level->row_nbytes / sizeof *level->texels + column * 4;
-}
-
 static double largest_error(const uint16_t *texel, double u, double v, double s, double t) {
   double worst = 0;
   for (int c = 0; c < 3; c++)

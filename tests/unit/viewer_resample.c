@@ -22,41 +22,28 @@ static camera looking(float x, float y, float z, float ax, float ay, float az) {
   return camera_of_view(&view, 1, 1);
 }
 
-static slf_layer layer_of(const closed_form *f) {
-  return (slf_layer){
-      .u_count = f->u_count, .v_count = f->v_count, .s_count = f->s_count, .t_count = f->t_count};
-}
-
-static const uint16_t *texel_at(const texture *x, int row, int column) {
-  return (const uint16_t *)((const uint8_t *)x->levels[0].texels +
-                            (size_t)row * x->levels[0].row_nbytes) +
-         4 * column;
-}
-
 /* ---- Tests -------------------------------------------------------------------------------------
  */
 
 /* Largest error over the square's texels, in linear radiance, seen from `eye`. */
 static double square_error(uint32_t directions, uint32_t dice_px, const float eye[3],
                            double *least_n, double *rms) {
-  closed_form f = closed_form_make(64, 64, directions, directions);
   grid square = make_grid(1, 1, square_at);
-  slf_layer layer = layer_of(&f);
-  texture x;
-  assert_true(texture_create(&x, &square.mesh, &layer, closed_form_source(&f), dice_px));
+  shiny x;
+  make_shiny(&x, &square.mesh, 64, 64, directions, dice_px);
   camera c = looking(eye[0], eye[1], eye[2], 0.5f, 0, 0.5f);
-  texture_update(&x, &c, (direction_bend){0});
-  assert_int_equal(x.made_count, 64);
-  assert_int_equal(f.fetches, 64); /* each block of texels asks once */
+  texture_update(&x.texture, &c, (direction_bend){0});
+  assert_int_equal(x.texture.made_count, 64);
+  assert_int_equal(x.field.fetches, 64); /* each block of texels asks once */
   double worst = 0, sum = 0;
   *least_n = 1;
-  for (int row = 0; row < 64; row++)
-    for (int column = 0; column < 64; column++) {
+  for (uint32_t row = 0; row < 64; row++)
+    for (uint32_t column = 0; column < 64; column++) {
       double u = (column + 0.5) / 64, v = (row + 0.5) / 64;
       double d[3] = {eye[0] - u, eye[1], eye[2] - v};
       double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
       *least_n = fmin(*least_n, d[1] / length);
-      const uint16_t *texel = texel_at(&x, row, column);
+      const uint16_t *texel = texel_at(&x, column, row);
       assert_int_equal(texel[3], HALF_ONE);
       for (int k = 0; k < 3; k++) {
         double exact = radiance(u, v, d[0] / length, d[2] / length, k);
@@ -66,8 +53,7 @@ static double square_error(uint32_t directions, uint32_t dice_px, const float ey
       }
     }
   *rms = sqrt(sum / (64 * 64 * 3));
-  texture_free(&x);
-  closed_form_free(&f);
+  free_shiny(&x);
   free_grid(&square);
   return worst;
 }
@@ -245,23 +231,21 @@ static void test_scan_conversion_is_watertight(void **state) {
 /* The first and the last column of a cylinder's texture are neighbours across the seam. */
 static void test_seam_and_silhouette(void **state) {
   (void)state;
-  closed_form f = closed_form_make(192, 32, 32, 32);
   grid cylinder = make_grid(SIDES, RINGS, cylinder_at);
-  slf_layer layer = layer_of(&f);
-  texture x;
-  assert_true(texture_create(&x, &cylinder.mesh, &layer, closed_form_source(&f), 8));
+  shiny x;
+  make_shiny(&x, &cylinder.mesh, 192, 32, 32, 8);
   const float eye[3] = {3, 0.5f, 0.4f};
   camera c = looking(eye[0], eye[1], eye[2], 0, 0.5f, 0);
-  texture_update(&x, &c, (direction_bend){0});
+  texture_update(&x.texture, &c, (direction_bend){0});
   int seen = 0, behind = 0;
   double worst = 0;
-  for (int row = 0; row < 32; row++)
-    for (int column = 0; column < 192; column++) {
+  for (uint32_t row = 0; row < 32; row++)
+    for (uint32_t column = 0; column < 192; column++) {
       double u = (column + 0.5) / 192, v = (row + 0.5) / 32, angle = u * 2 * M_PI;
       double d[3] = {eye[0] - cos(angle), eye[1] - (1 - v), eye[2] - sin(angle)};
       double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
       double n = (d[0] * cos(angle) + d[2] * sin(angle)) / length;
-      const uint16_t *texel = texel_at(&x, row, column);
+      const uint16_t *texel = texel_at(&x, column, row);
       /* What faces the eye is there; a side of the polygon turns by half of 2 pi / 48. */
       if (n > M_PI / SIDES) assert_int_equal(texel[3], HALF_ONE);
       if (n < -0.5) assert_int_equal(texel[3], 0); /* what does not costs nothing */
@@ -280,15 +264,14 @@ static void test_seam_and_silhouette(void **state) {
   print_message("cylinder: error %.5f, bound %.5f, %d texels face the eye\n", worst, bound, seen);
   assert_true(worst <= bound);
   /* The same picture by plain C. */
-  size_t nbytes = x.levels[0].row_nbytes * 32;
+  size_t nbytes = x.texture.levels[0].row_nbytes * 32;
   uint8_t *picture = malloc(nbytes);
-  memcpy(picture, x.levels[0].texels, nbytes);
-  texture_use_kernel(&x, RESAMPLE_PLAIN_C);
-  texture_update(&x, &c, (direction_bend){0});
-  assert_memory_equal(picture, x.levels[0].texels, nbytes);
+  memcpy(picture, x.texture.levels[0].texels, nbytes);
+  texture_use_kernel(&x.texture, RESAMPLE_PLAIN_C);
+  texture_update(&x.texture, &c, (direction_bend){0});
+  assert_memory_equal(picture, x.texture.levels[0].texels, nbytes);
   free(picture);
-  texture_free(&x);
-  closed_form_free(&f);
+  free_shiny(&x);
   free_grid(&cylinder);
 }
 
@@ -296,17 +279,15 @@ static void test_seam_and_silhouette(void **state) {
  */
 static void test_what_is_outside_the_view_costs_nothing(void **state) {
   (void)state;
-  closed_form f = closed_form_make(64, 64, 8, 8);
   grid square = make_grid(1, 1, square_at);
-  slf_layer layer = layer_of(&f);
-  texture x;
-  assert_true(texture_create(&x, &square.mesh, &layer, closed_form_source(&f), 8));
+  shiny x;
+  make_shiny(&x, &square.mesh, 64, 64, 8, 8);
   /* From straight above, 10 degrees wide: 0.17 x 0.17 of the square, 3 x 3 blocks of 1/8 at most,
    * and as a piece of 8 texels is made or left out as a whole, one more on each side. */
   slf_view view = {.location = {0.3f, 1, 0.4f}, .look_at = {0.3f, 0, 0.4f}, .angle_deg = 10};
   camera c = camera_of_view(&view, 1, 1);
-  texture_update(&x, &c, (direction_bend){0});
-  assert_in_range(x.made_count, 4, 25);
+  texture_update(&x.texture, &c, (direction_bend){0});
+  assert_in_range(x.texture.made_count, 4, 25);
   srand(8);
   size_t seen = 0, unmade = 0;
   for (int i = 0; i < 300; i++) {
@@ -317,19 +298,18 @@ static void test_what_is_outside_the_view_costs_nothing(void **state) {
     view.location[1] = fabsf(view.location[1]) + 0.01f;
     view.angle_deg = 5 + 100 * (float)rand() / (float)RAND_MAX;
     c = camera_of_view(&view, 4, 3);
-    texture_update(&x, &c, (direction_bend){0});
-    for (int row = 0; row < 64; row++)
-      for (int column = 0; column < 64; column++) {
+    texture_update(&x.texture, &c, (direction_bend){0});
+    for (uint32_t row = 0; row < 64; row++)
+      for (uint32_t column = 0; column < 64; column++) {
         float point[3] = {((float)column + 0.5f) / 64, 0, ((float)row + 0.5f) / 64};
-        bool made = texel_at(&x, row, column)[3] == HALF_ONE, in_view = !camera_outside(&c, point);
+        bool made = texel_at(&x, column, row)[3] == HALF_ONE, in_view = !camera_outside(&c, point);
         assert_true(made || !in_view);
         seen += in_view;
         unmade += !made;
       }
   }
   assert_true(seen > 100000 && unmade > 100000);
-  texture_free(&x);
-  closed_form_free(&f);
+  free_shiny(&x);
   free_grid(&square);
 }
 
@@ -364,11 +344,9 @@ static void test_directions_continue_below_the_horizon(void **state) {
  * texel that is made opaque. */
 static void test_any_eye(void **state) {
   (void)state;
-  closed_form f = closed_form_make(20, 28, 8, 8);
   grid square = make_grid(1, 1, square_at);
-  slf_layer layer = layer_of(&f);
-  texture x;
-  assert_true(texture_create(&x, &square.mesh, &layer, closed_form_source(&f), 8));
+  shiny x;
+  make_shiny(&x, &square.mesh, 20, 28, 8, 8);
   static const float eyes[][3] = {{0, 0, 0},
                                   {0.5f, 0, 0.5f},
                                   {1, 0, 1},
@@ -381,17 +359,16 @@ static void test_any_eye(void **state) {
                                   {-3e38f, 3e38f, -3e38f}};
   for (size_t i = 0; i < sizeof eyes / sizeof *eyes; i++) {
     camera c = looking(eyes[i][0], eyes[i][1], eyes[i][2], 0.5f, 0, 0.5f);
-    texture_update(&x, &c, (direction_bend){0});
-    for (uint32_t b = 0; b < x.mesh.vertex_count; b++)
-      assert_true(isfinite(x.s[b]) && isfinite(x.t[b]));
-    for (int row = 0; row < 28; row++)
-      for (int column = 0; column < 20; column++) {
-        uint16_t alpha = texel_at(&x, row, column)[3];
+    texture_update(&x.texture, &c, (direction_bend){0});
+    for (uint32_t b = 0; b < x.texture.mesh.vertex_count; b++)
+      assert_true(isfinite(x.texture.s[b]) && isfinite(x.texture.t[b]));
+    for (uint32_t row = 0; row < 28; row++)
+      for (uint32_t column = 0; column < 20; column++) {
+        uint16_t alpha = texel_at(&x, column, row)[3];
         assert_true(alpha == 0 || alpha == HALF_ONE);
       }
   }
-  texture_free(&x);
-  closed_form_free(&f);
+  free_shiny(&x);
   free_grid(&square);
 }
 
