@@ -50,8 +50,13 @@ NEED.check.modules := cmocka x11
 NEED.check.packages := jq python3 python3-venv clang clang-format libclang-rt-14-dev openimageio-tools xvfb xauth xdotool \
   imagemagick libcmocka-dev libx11-dev
 
+# What a scene of ours needs on top, once somebody bakes it.
+NEED.chess.files := /usr/share/doc/povray/examples/advanced/chess2.pov
+NEED.chess.packages := povray-examples
+
 build/deps/%: | build/deps/
 	@missing() { for p in $(NEED.$*.programs); do command -v $$p >/dev/null || echo $$p; done; \
+	    for f in $(NEED.$*.files); do [ -e $$f ] || echo $$f; done; \
 	    for m in $(NEED.$*.modules); do pkg-config --exists $$m 2>/dev/null || echo $$m; done; }; \
 	  if [ -n "$$(missing)" ]; then \
 	    if ! command -v apt-get >/dev/null; then \

@@ -33,11 +33,12 @@ TEXEL_SCALE = $(if $(filter paper,$(QUALITY)),1,0.5)
 # More POV-Rays than processors hide the quarter second that each spends waiting for its front end.
 BAKE_JOBS = $(shell echo $$(($(JOBS) + 1)))
 
-bake: $(BAKE_PROGRAMS) ## Bake SCENE (NAME=, DECLARE="X=1 Y=2", QUALITY=, RAYS=, FARM=) to build/NAME.slf
+bake: $(BAKE_PROGRAMS) $(if $(filter scenes,$(SCENES)),$(NEED.$(SCENE).packages:%=build/deps/$(SCENE))) ## Bake SCENE (NAME=, DECLARE="X=1 Y=2", QUALITY=, RAYS=, FARM=) to build/NAME.slf
 	@[ -f '$(SCENES)/$(SCENE)/$(SCENE).pov' ] || { echo "slf: no scene '$(SCENE)': expected one of" \
 	  $(notdir $(wildcard $(SCENES)/*)) >&2; exit 1; }
 	@case '$(QUALITY)' in preview|paper) ;; *) echo "slf: QUALITY=$(QUALITY): expected preview or paper" >&2; exit 1;; esac
 	@case '$(RAYS)' in 1|9|25|49|121) ;; *) echo "slf: RAYS=$(RAYS): expected 1, 9, 25, 49 or 121" >&2; exit 1;; esac
+	@[ ! -f 'build/bake/$(NAME)' ] || { echo "slf: NAME=$(NAME): is a program of the bake: another NAME, please" >&2; exit 1; }
 	@mkdir -p 'build/bake/$(NAME)'
 	@printf 'BAKE_SCENE := %s\nBAKE_DECLARE := %s\nBAKE_SCALE := %s\nBAKE_RAYS := %s\n' '$(SCENES)/$(SCENE)' \
 	  '$(DECLARE)' '$(TEXEL_SCALE)' '$(RAYS)' > 'build/bake/$(NAME)/options.part'

@@ -3,8 +3,7 @@
 
 UNIT_SOURCES := $(wildcard tests/unit/*.c tests/stability/*.c)
 UNIT_SUITES := $(UNIT_SOURCES:tests/%.c=$(OUT)/tests/%)
-# Every scene against POV-Ray takes two minutes: make check-scenes.
-SHELL_SUITES := $(sort $(filter-out tests/bench/% tests/images/scenes.sh,$(wildcard tests/*/*.sh)))
+SHELL_SUITES := $(sort $(filter-out tests/bench/%,$(wildcard tests/*/*.sh)))
 TEST_LIBS = -lcmocka $(shell pkg-config --libs libpng libjpeg OpenEXR) -lm -ldl
 
 $(UNIT_SUITES): $(OUT)/tests/%: $(OBJ)/tests/%.o $(VIEWER_CORE_OBJECTS) $(LIBSLF) | $(CHECK_DEPS)
@@ -32,10 +31,6 @@ check-bakes: all
 	$(MAKE) bake SCENE=pond NAME=check-pond RAYS=1
 	$(MAKE) bake SCENE=pond NAME=check-pond-layers RAYS=1 DECLARE="Texels=256 Directions=8 Slf_Layers=8"
 	$(MAKE) bake SCENE=floor NAME=check-floor-layers RAYS=1 DECLARE="Mirror=1 Texels=256 Directions=8 Slf_Layers=8"
-
-.PHONY: check-scenes
-check-scenes: all build/tests/images/compare | $(CHECK_DEPS) ## Every scene but chess against POV-Ray
-	@tests/run build/tap tests/images/scenes.sh
 
 .PHONY: unit-suites format
 unit-suites: $(UNIT_SUITES)

@@ -47,9 +47,9 @@ Slf_Parametric("frame_side", 1, 0, <Texels, 8>, Slf_Matte)
   (From*(1 - V) + 54.9*V*vnormalize(From) - 3*y)
 #end
 Slf_Parametric("table", 1, 0, <Texels, Texels/4>, <Directions/2, Directions/2>)
-// The ground, out to where it cannot be told from its horizon: a tenth of a degree below.
+// The ground, out to where it cannot be told from its horizon: half a degree below.
 #macro Slf_Point(U, V)
-  (vrotate(40*(exp(7.4*V) - 1)*x, -360*U*y) - 80*y)
+  (vrotate(40*(exp(6*V) - 1)*x, -360*U*y) - 80*y)
 #end
 Slf_Parametric("ground", 1, 0, <64, 64>, Slf_Matte)
 

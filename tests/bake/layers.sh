@@ -27,9 +27,8 @@ check "plastic is not" '[ "$(choice layers-chosen plastic | cut -d " " -f 3)" = 
 # The same chunks as of layers that were declared, though tables of 9 rays a texel were made before the choice.
 cp build/bake/layers-chosen/mirror/0000.exr "$log.mirror.exr"
 cp build/bake/layers-chosen/mirror_bent/0000.exr "$log.bent.exr"
-bake layers-declared "Directions=8 Slf_Layers=$far" 9
+bake layers-declared "Directions=8 Far=$far Bent_Far=$bent_far" 9
 check "a mirror's layers are those that it has when they are declared" 'cmp "$log.mirror.exr" build/bake/layers-declared/mirror/0000.exr'
-bake layers-declared "Directions=8 Slf_Layers=$bent_far" 9
 check "so are a curved mirror's" 'cmp "$log.bent.exr" build/bake/layers-declared/mirror_bent/0000.exr'
 bake layers-never "Slf_Layers=0 Slf_Auto_Error=0.13" 1
 check "none where the scene says so" '[ "$(choice layers-never mirror | cut -d " " -f 3)" = 0 ]'
@@ -42,15 +41,14 @@ check "none in a fog" '[ "$(choice layers-fog mirror | cut -d " " -f 3)" = 0 ] &
 scenes=$fogged bake layers-fog "Directions=8 Slf_Layers=4" 1
 check "layers in a fog are refused" 'grep -q "^slf: .* cannot be baked as layers: the scene has a fog" "$log"'
 
-# Of a matte table under a caustic all radiance is its own: fogs must not have changed the radiosity or the
-# photons that it is lit by. Half floats leave a 1000th.
+# What a table that reflects a little sends out itself, as fogs tell, is what it sends out when it reflects
+# nothing: fogs must not have changed the radiosity and the caustic that it is lit by, some 0.2 each in the
+# mean. Two light passes differ by 0.01 to 0.02.
 bake layers-lit "Light=1 Directions=2 Slf_Layers=0" 1
-for k in 0 5 15; do slice layers-lit $k "plain$k"; done
-bake layers-lit "Light=1 Directions=2 Slf_Layers=4" 1
-worst=0
-for k in 0 5 15; do
-  slice layers-lit $((3*k)) "own$k"
-  worst=$(oiiotool "$log.plain$k.exr" "$log.own$k.exr" --absdiff --stats | awk -v worst="$worst" '/Max:/ { for (i = 3; i <= 5; i++) if ($i > worst) worst = $i } END { print worst }')
-done
-echo "# figure: a lit table's own radiance differs from its radiance by $worst at most"
-check "radiosity and photons are the same through fogs" 'awk "BEGIN { exit !($worst < 0.002) }"'
+slice layers-lit 5 plain
+bake layers-lit "Light=1 Directions=2 Slf_Layers=4 Shine=0.1" 1
+slice layers-lit 15 own
+oiiotool "$log.plain.exr" "$log.own.exr" --absdiff -o "$log.diff.exr"
+mean=$(oiiotool --stats "$log.diff.exr" | awk '/Avg:/ { print ($3 + $4 + $5)/3 }')
+echo "# figure: a lit table's own radiance differs from that of one that reflects nothing by ${mean:-nothing} in the mean"
+check "radiosity and photons are the same through fogs" 'awk "BEGIN { exit !(${mean:-1} < 0.04) }"'

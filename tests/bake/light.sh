@@ -24,8 +24,8 @@ check "a surface declared shiny that is matte is reported" 'grep -q "ball.: has 
 rm -rf build/bake/wrap
 bake SCENE=wrap DECLARE=Light=1 QUALITY=preview
 check "radiosity and photons have their caches" '[ -s build/bake/wrap/light.radiosity ] && [ -s build/bake/wrap/light.photons ]'
-check "matte CSG is found to need one texture" '[ "$(head -n 1 build/bake/wrap/cup/choice)" = "1 1" ]'
-check "shiny CSG is found to need directions" '[ "$(head -n 1 build/bake/wrap/die/choice)" != "1 1" ]'
+check "matte CSG is found to need one texture" '[ "$(head -n 1 build/bake/wrap/cup/choice)" = "1 1 0" ]'
+check "shiny CSG is found to need directions" '[ "$(head -n 1 build/bake/wrap/die/choice)" != "1 1 0" ]'
 # 0.05 is what is asked for unless the scene says otherwise.
 read -r asked _ < build/bake/wrap/die/choice
 rm -rf build/bake/wrap-fine
