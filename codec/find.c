@@ -25,7 +25,8 @@ static uint32_t low_nbytes(const segment *s) {
 }
 
 /* False if its head does not lie in the stream. */
-static bool find_segment(const block_stream *stream, uint64_t index, segment *s) {
+static inline __attribute__((always_inline)) bool find_segment(const block_stream *stream,
+                                                               uint64_t index, segment *s) {
   uint64_t end = stream->nbytes - STREAM_PAD_NBYTES;
   s->begin = get_u48(stream->bytes + index * DIRECTORY_ENTRY_NBYTES);
   uint64_t entries_left = stream->entry_count - index * SEGMENT_ENTRIES;
@@ -63,8 +64,8 @@ static uint32_t select_by_loop(const uint8_t *bytes, uint32_t nbytes, uint32_t r
 /* The same without a branch that nobody foretells, where the bits are in the SELECT_WORDS words
  * that an encoder's segments have at most. */
 enum { SELECT_WORDS = 6, SELECT_NBYTES = 8 * SELECT_WORDS };
-static inline uint32_t select_bit(const uint8_t *bytes, uint32_t nbytes, uint32_t rank,
-                                  const uint8_t *end) {
+static inline __attribute__((always_inline)) uint32_t
+select_bit(const uint8_t *bytes, uint32_t nbytes, uint32_t rank, const uint8_t *end) {
   if (__builtin_expect(nbytes > SELECT_NBYTES || end - bytes < SELECT_NBYTES, 0))
     return select_by_loop(bytes, nbytes, rank);
   uint32_t before = 0, sum = 0, at = 0;
@@ -83,7 +84,8 @@ static inline uint32_t select_bit(const uint8_t *bytes, uint32_t nbytes, uint32_
 }
 
 /* Offset in bits of entry i of a segment from the segment's payload. */
-static inline uint64_t entry_offset(const block_stream *stream, const segment *s, uint32_t i) {
+static inline __attribute__((always_inline)) uint64_t entry_offset(const block_stream *stream,
+                                                                   const segment *s, uint32_t i) {
   if (i == 0) return 0;
   const uint8_t *low = stream->bytes + s->begin + 2, *high = low + low_nbytes(s);
   const uint8_t *end = stream->bytes + stream->nbytes;

@@ -226,8 +226,8 @@ static inline __attribute__((always_inline)) void pack_codes(lanes red, lanes gr
 #endif
 }
 
-/* The layer's colours, and the level shift of 128. JFIF's ones and zeros are left out: the sums are
- * the same. */
+/* The layer's colours, and the level shift of 128; of JFIF's colours without their ones and zeros.
+ */
 static inline __attribute__((always_inline)) void put_codes(const layer_state *layer, lanes b[3][8],
                                                             uint8_t *u_block) {
   const float(*m)[3] = layer->to_rgb;
@@ -245,10 +245,9 @@ static inline __attribute__((always_inline)) void put_codes(const layer_state *l
   }
 #pragma GCC unroll 8
   for (int y = 0; y < 8; y++) {
-    lanes luma = b[0][y], cb = b[1][y], cr = b[2][y];
-    lanes green = luma + splat(m[1][1]) * cb + splat(m[1][2]) * cr;
-    pack_codes(luma + splat(m[0][2]) * cr + splat(128.5f), green + splat(128.5f),
-               luma + splat(m[2][1]) * cb + splat(128.5f), u_block + 32 * y);
+    lanes luma = b[0][y] + splat(128.5f), cb = b[1][y], cr = b[2][y];
+    pack_codes(luma + splat(m[0][2]) * cr, luma + splat(m[1][1]) * cb + splat(m[1][2]) * cr,
+               luma + splat(m[2][1]) * cb, u_block + 32 * y);
   }
 }
 
