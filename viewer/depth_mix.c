@@ -306,14 +306,16 @@ static void mix_four_tap(depth_mixer *m, ray *r, float rgb[3]) {
 /* ---- Blocks of texels --------------------------------------------------------------------------
  */
 
-/* What was found for a texel last time is where it is looked for next. Every REFRESH-th texel with
- * some slices that disagree forgets, so that nothing wrong stays. */
-enum { REFRESH = 64 };
+/* What was found for a texel last time is where it is looked for next. Texels with some slices that
+ * disagree forget every REFRESH frames, so that nothing wrong stays: all of a block at once, as
+ * eight are followed at the cost of one, and each block in its turn. */
+enum { REFRESH = 64, TURN = 29 /* odd: neighbours' turns are far apart */ };
 
 static depth_memory *recall(depth_mixer *m, size_t block) {
   depth_memory *last = &m->last[block];
-  for (uint32_t k = m->visits[block]++ % REFRESH; k < 64; k += REFRESH)
-    if (last->score[k] < (int)(100 * ALL_AGREE)) last->kind[k] = SEEN_UNKNOWN;
+  if ((m->visits[block]++ + TURN * block) % REFRESH == 0)
+    for (uint32_t k = 0; k < 64; k++)
+      if (last->score[k] < (int)(100 * ALL_AGREE)) last->kind[k] = SEEN_UNKNOWN;
   return last;
 }
 

@@ -1,12 +1,15 @@
 /* depth - what the mix by depth costs; prints one flat JSON object.
  *
- *   depth mix FILE.slf    a texel of the file's first layer that has heights, against the four-tap
- * mix of the same texels out of the same block cache, in flights from the file's views depth pond
- * FILE.slf   whole frames of disturbed water, 640x480 with software GL
+ * usage: depth mix FILE.slf
+ *        depth pond FILE.slf
  *
- * A flight is 9 frames, 0.02 units aside each; the first, which knows nothing of the heights, is
- * told apart. Both mixes make each frame in turn, on one thread, what they read being decompressed.
- */
+ * mix: a texel of the file's first layer that has heights, against the four-tap mix of the same
+ * texels out of the same block cache, in flights from the file's views. A flight is 9 frames, 0.02
+ * units aside each; the first, which knows nothing of the heights, is told apart. `as_drawn` are
+ * twice as many texels each way, as the viewer makes them. Both mixes make each frame in turn, on
+ * one thread, what they read being decompressed.
+ *
+ * pond: whole frames of disturbed water, 640x480 with software GL. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -60,7 +63,8 @@ static flight fly(texture *four_tap, texture *by_depth, slf_view view) {
   return f;
 }
 
-static void measure_mix(const slf_file *file) {
+/* `fineness`: texels mixed by depth for each of the layer's, each way. */
+static void measure_mix(const slf_file *file, uint32_t fineness, const char *name) {
   const slf_surface *s = NULL;
   uint32_t index = 0, k = 0;
   for (uint32_t i = 0; i < slf_surface_count(file) && !s; i++)
@@ -71,15 +75,17 @@ static void measure_mix(const slf_file *file) {
       }
   if (!s) fail("no surface has heights");
   const slf_layer *layer = &s->layers[k];
+  slf_layer finer = *layer;
+  finer.u_count *= fineness, finer.v_count *= fineness;
   block_cache *cache = block_cache_create(file, ROOM);
   texture four_tap, by_depth;
   if (!cache) fail("out of memory");
   const block_source light = block_cache_layer(cache, index, k);
   if (!texture_create(&four_tap, &s->mesh, layer, light, UV_DICE_PX) ||
-      !texture_create(&by_depth, &s->mesh, layer, light, UV_DICE_PX) ||
+      !texture_create(&by_depth, &s->mesh, &finer, light, UV_DICE_PX) ||
       !(by_depth.depth =
             depth_mixer_create(layer, light, layer + 1, block_cache_layer(cache, index, k + 1), s,
-                               layer->u_count, layer->v_count)))
+                               finer.u_count, finer.v_count)))
     fail("out of memory");
   double four_tap_ns[MAX_VIEWS], ns[MAX_VIEWS], ratios[MAX_VIEWS], first[MAX_VIEWS];
   size_t count = 0;
@@ -90,13 +96,13 @@ static void measure_mix(const slf_file *file) {
   }
   const depth_mix_counts *counts = depth_mixer_counts(by_depth.depth);
   const double texels = (double)counts->texel_count;
-  print_figure("depth_four_tap_ns_per_texel", "", median(four_tap_ns, count));
-  print_figure("depth_ns_per_texel", "", median(ns, count));
-  print_figure("depth_resample_vs_four_tap", "", median(ratios, count));
-  print_figure("depth_resample_vs_four_tap_first_frame", "", median(first, count));
-  print_figure("depth_foretold_fraction", "", (double)counts->foretold_count / texels);
-  print_figure("depth_wide_fraction", "", (double)counts->wide_count / texels);
-  print_figure("depth_fallback_fraction", "", (double)counts->four_tap_count / texels);
+  print_figure("depth_four_tap_ns_per_texel", name, median(four_tap_ns, count));
+  print_figure("depth_ns_per_texel", name, median(ns, count));
+  print_figure("depth_resample_vs_four_tap", name, median(ratios, count));
+  print_figure("depth_resample_vs_four_tap_first_frame", name, median(first, count));
+  print_figure("depth_foretold_fraction", name, (double)counts->foretold_count / texels);
+  print_figure("depth_wide_fraction", name, (double)counts->wide_count / texels);
+  print_figure("depth_fallback_fraction", name, (double)counts->four_tap_count / texels);
   texture_free(&four_tap);
   texture_free(&by_depth);
   block_cache_free(cache);
@@ -155,7 +161,7 @@ int main(int argc, char **argv) {
   if (pond)
     measure_pond(file);
   else
-    measure_mix(file);
+    measure_mix(file, 1, ""), measure_mix(file, 2, "as_drawn");
   end_figures();
   slf_close(file);
   return 0;

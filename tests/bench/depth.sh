@@ -90,12 +90,13 @@ for part; do
       # The paper's way with 64x64 directions, one ray a texel; how small layers are that come out as well.
       MAKEFLAGS='' make --no-print-directory bake SCENE=floor NAME=bench-paper-floor-64 QUALITY=paper RAYS=1 \
         DECLARE="Texels=128 Directions=64 Mirror=1" >&2
-      layers depth-floor-64-6 floor 64 6 8 Mirror=1
-      measure floor floor build/bench-paper-floor-64.slf four-tap; p=$psnr
-      measure floor floor build/bench-depth-floor-64-6.slf depth
-      awk -v p="$p" -v d="$psnr" -v pn="$(nbytes build/bench-paper-floor-64.slf floor)" -v dn="$(nbytes build/bench-depth-floor-64-6.slf floor)" 'BEGIN {
+      layers depth-floor-96-6 floor 96 6 8 Mirror=1
+      measure floor floor build/bench-paper-floor-64.slf four-tap; p=$psnr f=$flip
+      measure floor floor build/bench-depth-floor-96-6.slf depth
+      awk -v p="$p" -v d="$psnr" -v fp="$f" -v fd="$flip" -v pn="$(nbytes build/bench-paper-floor-64.slf floor)" -v dn="$(nbytes build/bench-depth-floor-96-6.slf floor)" 'BEGIN {
         printf "  \"depth_bytes_vs_four_tap_64\": %s,\n", d >= p ? sprintf("%.4f", dn/pn) : "null"
-        printf "  \"depth_psnr_four_tap_64\": %.2f,\n  \"depth_psnr_floor_64_6\": %.2f,\n", p, d }'
+        printf "  \"depth_psnr_four_tap_64\": %.2f,\n  \"depth_psnr_floor_96_6\": %.2f,\n", p, d
+        printf "  \"depth_flip_four_tap_64\": %.4f,\n  \"depth_flip_floor_96_6\": %.4f,\n", fp, fd }'
       ;;
     bottle)
       tests/bench/bakes.sh bottle-32 >&2
