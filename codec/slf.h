@@ -174,10 +174,10 @@ slf_result slf_open_memory(const void *bytes, size_t nbytes, const char *name, s
 void slf_close(slf_file *file);
 
 /* The same for the first bytes of a file that is still to come, or never will. A file begins with
- * all but the C-Blocks: as long as those bytes are not there, SLF_ERROR_PARTIAL. Then come the
- * means of all layers, the keys, and the rest in the order of the slices. A block that is not there
- * yet decodes to the nearest key's, or to the mean over all directions, or to gray: open the file
- * again when more of it has come. */
+ * all but the C-Blocks: as long as those bytes are not there, SLF_ERROR_PARTIAL. Then come
+ * matte layers and the means of all others, the keys, and the rest in the order of the slices. A
+ * block that is not there yet decodes to the nearest key's, or to the mean over all directions, or
+ * to gray: open the file again when more of it has come. */
 slf_result slf_open_prefix(const char *path, slf_file **file, slf_error *error);
 slf_result slf_open_prefix_memory(const void *bytes, size_t nbytes, const char *name,
                                   slf_file **file, slf_error *error);

@@ -13,6 +13,7 @@
 typedef struct {
   uint32_t type, surface, layer;
   encoded_chunk content;
+  bool matte; /* of a layer of one slice */
 } written_chunk;
 
 typedef struct {
@@ -90,7 +91,7 @@ static slf_result add_chunk(slf_writer *writer, uint32_t type, uint32_t layer,
   if (!chunks) return no_memory(writer, error);
   writer->chunks = chunks;
   uint32_t surface = writer->surface_count ? writer->surface_count - 1 : 0;
-  chunks[writer->chunk_count++] = (written_chunk){type, surface, layer, content};
+  chunks[writer->chunk_count++] = (written_chunk){type, surface, layer, content, false};
   return SLF_OK;
 }
 
@@ -246,6 +247,8 @@ slf_result slf_writer_add_layer(slf_writer *writer, const slf_layer_options *opt
   for (int kind = 0; kind < STREAM_COUNT && result == SLF_OK; kind++)
     if (encoded.streams[kind].nbytes)
       result = add_chunk(writer, slf_stream_chunks[kind], layer, encoded.streams[kind], error);
+  for (uint32_t i = chunk_count; i < writer->chunk_count; i++)
+    writer->chunks[i].matte = options->s_count == 1 && options->t_count == 1;
   if (result == SLF_OK)
     surface->layer_count++;
   else
@@ -287,16 +290,21 @@ static slf_result add_scene(slf_writer *writer, slf_error *error) {
   return result;
 }
 
-/* What is needed first stands first: the scene, the meshes, the layers' tables, then the base, the
- * keys and the rest of all. */
-static int chunk_order(const void *a, const void *b) {
+/* What is needed first stands first: the scene, the meshes, the layers' tables; the base of all and
+ * matte layers, the keys, the rest. */
+static int chunk_place(const written_chunk *c) {
   static const uint32_t order[] = {CHUNK_SCENE, CHUNK_MESH, CHUNK_LAYER,
                                    CHUNK_BASE,  CHUNK_KEYS, CHUNK_REST};
+  uint32_t type = c->type == CHUNK_REST && c->matte ? CHUNK_BASE : c->type;
+  int place = 0;
+  while (order[place] != type) place++;
+  return place;
+}
+
+static int chunk_order(const void *a, const void *b) {
   const written_chunk *x = a, *y = b;
-  int place[2] = {0, 0};
-  while (order[place[0]] != x->type) place[0]++;
-  while (order[place[1]] != y->type) place[1]++;
-  if (place[0] != place[1]) return place[0] - place[1];
+  int difference = chunk_place(x) - chunk_place(y);
+  if (difference) return difference;
   if (x->surface != y->surface) return x->surface < y->surface ? -1 : 1;
   return (x->layer > y->layer) - (x->layer < y->layer);
 }
