@@ -130,6 +130,24 @@ static double still_ratio(scene *x, scene *plain, const slf_view *view, bool col
   return median(ratios, ROUNDS);
 }
 
+/* The same over views drawn at random, once each: from anywhere around what the view looks at, up
+ * to 30 degrees higher or lower. */
+static double random_views_cold_ratio(scene *x, scene *plain, const slf_view *view) {
+  double ours = 0, theirs = 0;
+  size_t texels;
+  srand(1);
+  for (int i = 0; i < ROUNDS; i++) {
+    slf_view drawn = *view;
+    float around = (float)rand() / (float)RAND_MAX, up = (float)rand() / (float)RAND_MAX - 0.5f;
+    view_orbit(&drawn, 2 * (float)M_PI * around, (float)M_PI / 3 * up);
+    frame_ns(plain, &drawn, &texels);
+    block_cache_clear(x->cache);
+    ours += frame_ns(x, &drawn, &texels);
+    theirs += frame_ns(plain, &drawn, &texels);
+  }
+  return ours / theirs;
+}
+
 /* How much sooner a frame is there for which all is decompressed when every processor helps. */
 static double threads_speedup(scene *x, const slf_view *view) {
   double ratios[ROUNDS], s[2];
@@ -174,6 +192,8 @@ static void bench(const slf_file *file, const char *name) {
   }
   print_figure("warm_vs_uncompressed", name, still_ratio(&warm, &plain, &view, false));
   print_figure("cold_vs_uncompressed", name, still_ratio(&warm, &plain, &view, true));
+  print_figure("random_views_cold_vs_uncompressed", name,
+               random_views_cold_ratio(&warm, &plain, &view));
   print_figure("cold_threads_speedup", name, threads_speedup(&warm, &view));
   static const size_t capacities[] = {10000, 1000, 100, 10, 4, 1, 0};
   for (size_t i = 0; i < sizeof capacities / sizeof *capacities; i++) {
