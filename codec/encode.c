@@ -600,10 +600,10 @@ static void set_own_colours(layer_encoder *e, double covariance[3][3]) {
 
 /* The paper's schemes keep JFIF's colours, so that a slice of independent blocks can leave as a
  * JPEG and the others stand beside it; heights are gray. */
-static slf_result choose_colours(layer_encoder *e, slf_error *error) {
+static slf_result choose_colours(layer_encoder *e, bool own, slf_error *error) {
   const slf_layer *p = &e->layer.public;
   layer_set_jfif_colours(&e->layer);
-  if (p->angular == SLF_ANGULAR_LAYERED && p->role != SLF_ROLE_HEIGHT) {
+  if (own && p->role != SLF_ROLE_HEIGHT) {
     uint32_t stride = (p->slice_count + SAMPLED_SLICES - 1) / SAMPLED_SLICES, seen = 0;
     double covariance[3][3] = {{0}};
     for (uint32_t i = 0; i < p->s_count * p->t_count; i++) {
@@ -953,9 +953,10 @@ static slf_result check_options(const slf_layer_options *o, const char *name, sl
   return SLF_OK;
 }
 
-static slf_result encode_streams(layer_encoder *e, encoded_layer *encoded, slf_error *error) {
+static slf_result encode_streams(layer_encoder *e, bool own_colours, encoded_layer *encoded,
+                                 slf_error *error) {
   slf_result result = layer_make_units(&e->layer, e->name, error);
-  if (result == SLF_OK) result = choose_colours(e, error);
+  if (result == SLF_OK) result = choose_colours(e, own_colours, error);
   bool base = layer_has(&e->layer, STREAM_BASE);
   if (result == SLF_OK && base) result = put_base(e, &encoded->streams[STREAM_BASE], error);
   if (result == SLF_OK && layer_has(&e->layer, STREAM_KEYS))
@@ -1006,7 +1007,7 @@ slf_result encode_layer(const slf_layer_options *options, const slf_source *sour
   for (int i = 0; i < 2 && options->angular == SLF_ANGULAR_MOTION; i++)
     allocated = (e->left[i] = calloc(places, sizeof *e->left[i])) && allocated;
   if (allocated)
-    result = encode_streams(e, encoded, error);
+    result = encode_streams(e, options->angular == SLF_ANGULAR_LAYERED, encoded, error);
   else
     result =
         slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for slices of %zu samples", name, samples);

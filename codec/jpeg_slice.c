@@ -78,9 +78,11 @@ slf_result write_jpeg_slice(const slf_file *file, uint32_t surface_index, uint32
                             uint32_t s_index, uint32_t t_index, const char *path,
                             slf_error *error) {
   const layer_state *layer = &file->surfaces[surface_index].layers[layer_index];
-  if (layer->public.angular != SLF_ANGULAR_NONE || layer->public.curve != SLF_CURVE_SRGB)
+  if (layer->public.angular != SLF_ANGULAR_NONE || layer->public.curve != SLF_CURVE_SRGB ||
+      layer->own_colours)
     return slf_fail(error, SLF_ERROR_ARGUMENT,
-                    "%s: a JPEG can hold slices of angular none in sRGB only", file->name);
+                    "%s: a JPEG can hold slices that were coded as angular none in sRGB only",
+                    file->name);
   if (!layer_has_slice(layer, s_index, t_index))
     return slf_fail(error, SLF_ERROR_ARGUMENT, "%s: no slice (%u, %u)", file->name, s_index,
                     t_index);
