@@ -468,6 +468,52 @@ static void flat_blocks_are_exact(void **state) {
   }
 }
 
+/* A grain between green and purple, across JFIF's luma. */
+static slf_result read_two_colours(void *context, uint32_t s, uint32_t t, float *rgb,
+                                   slf_error *error) {
+  (void)context, (void)error, (void)s, (void)t;
+  for (int k = 0; k < 64 * 64; k++) {
+    int code = (int)(40 * sin(1.3 * (k % 64) + 2 * sin(0.9 * (k / 64.0))));
+    for (int c = 0; c < 3; c++)
+      *rgb++ = slf_linear_from_srgb((uint8_t)(128 + (c == 1 ? -code : code)));
+  }
+  return SLF_OK;
+}
+
+/* Of texels that vary along one line two channels of own colours have nothing to say; JFIF's three
+ * all have. */
+static void own_colours_follow_the_texels(void **state) {
+  (void)state;
+  static const slf_angular asked[] = {SLF_ANGULAR_NONE, SLF_ANGULAR_LAYERED};
+  slf_layer layers[2];
+  for (int i = 0; i < 2; i++) {
+    slf_error error;
+    slf_writer *writer;
+    slf_file *file;
+    slf_surface surface = {.name = "two colours"};
+    slf_layer_options options = {.angular = asked[i],
+                                 .u_count = 64,
+                                 .v_count = 64,
+                                 .s_count = 1,
+                                 .t_count = 1,
+                                 .quality = 80};
+    slf_source source = {read_two_colours, NULL, NULL};
+    MUST(slf_writer_create(path, &writer, &error));
+    MUST(slf_writer_add_surface(writer, &surface, &error));
+    MUST(slf_writer_add_layer(writer, &options, &source, &error));
+    MUST(slf_writer_finish(writer, &error));
+    MUST(slf_open(path, &file, &error));
+    MUST(slf_verify(file, &error));
+    layers[i] = slf_get_surface(file, 0)->layers[0];
+    print_message("  %s colours: %.2f dB, %llu bytes\n", i ? "own" : "JFIF's", layers[i].psnr,
+                  (unsigned long long)layers[i].payload_nbytes);
+    slf_close(file);
+  }
+  /* A third of the levels, more of DC and heads: half leaves room. */
+  assert_true(layers[1].psnr > layers[0].psnr - 0.5);
+  assert_true(layers[1].payload_nbytes * 2 < layers[0].payload_nbytes);
+}
+
 /* What was decoded, encoded again at the same quality, hardly changes any more: its coefficients
  * are levels already, but for rounding to codes (1/12 of squared error in each), which a step of 4
  * forgives. */
@@ -556,6 +602,7 @@ int main(void) {
                                      cmocka_unit_test(batches_agree_with_blocks),
                                      cmocka_unit_test(hdr_comes_back),
                                      cmocka_unit_test(flat_blocks_are_exact),
+                                     cmocka_unit_test(own_colours_follow_the_texels),
                                      cmocka_unit_test(encoding_again_is_stable),
                                      cmocka_unit_test(other_versions_are_refused),
                                      cmocka_unit_test(nothing_is_seen_before_the_end)};
