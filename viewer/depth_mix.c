@@ -489,6 +489,37 @@ static uint64_t find_poor(const depth_memory *last) {
   return poor;
 }
 
+/* Mixes texels of a cell that are not steady; returns those that were foretold. */
+static uint64_t mix_rest(depth_mixer *m, const depth_cell *cell, depth_rays *rays, uint64_t left,
+                         const depth_memory *last, uint8_t kinds[64]) {
+  uint64_t foretold = 0;
+  for (int origin = 0; origin < GUESS_COUNT && left; origin++) {
+    uint64_t found = mix_guessed(m, cell, rays, left, last, (guess_origin)origin);
+    foretold |= found, left &= ~found;
+  }
+  for (uint64_t poor = left & find_poor(last); poor; poor &= poor - 1) {
+    uint32_t k = (uint32_t)__builtin_ctzll(poor);
+    if (mix_again(m, rays, k, last)) kinds[k] = last->kind[k], left &= ~(1ull << k);
+  }
+  left &= ~mix_sought(m, cell, rays, left);
+  for (; left; left &= left - 1) {
+    uint32_t k = (uint32_t)__builtin_ctzll(left);
+    kinds[k] = mix_alone(m, rays, k);
+  }
+  return foretold;
+}
+
+static void count_texels(depth_mix_counts *counts, uint64_t mask, uint64_t foretold,
+                         const uint8_t kinds[64]) {
+  counts->texel_count += (uint64_t)__builtin_popcountll(mask);
+  counts->foretold_count += (uint64_t)__builtin_popcountll(foretold);
+  for (uint64_t left = mask & ~foretold; left; left &= left - 1) {
+    uint8_t kind = kinds[__builtin_ctzll(left)];
+    counts->wide_count += kind == SEEN_WIDE;
+    counts->four_tap_count += kind == SEEN_NOT;
+  }
+}
+
 void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
                      const block_directions *directions, uint16_t *out, size_t row_nbytes) {
   depth_rays rays;
@@ -500,12 +531,11 @@ void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
   depth_pages_make_room(&m->pages);
   depth_memory *now = recall(m, (size_t)block_v * m->block_u_count + block_u);
   const depth_memory last = *now;
-  const uint64_t steady = m->kernel->find_steady(&last), poor = find_poor(&last);
+  const uint64_t steady = m->kernel->find_steady(&last);
   uint64_t foretold = 0;
   memset(kinds, SEEN_NEAR, sizeof kinds);
   m->kernel->place(&m->geometry, block_u, block_v, directions, &rays);
   if (~directions->mask) memset(rays.rgba, 0, sizeof rays.rgba);
-  m->counts.texel_count += (uint64_t)__builtin_popcountll(directions->mask);
   for (uint64_t left = directions->mask; left; left &= ~texels[cell_count++]) {
     int32_t at = rays.cell[__builtin_ctzll(left)];
     cells[cell_count] =
@@ -519,27 +549,9 @@ void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
   }
   for (int i = 0; i < aim_count; i++)
     foretold |= find_mixed(&aims[i].guess, m->kernel->mix_aimed(&rays, &aims[i]));
-  for (int i = 0; i < cell_count; i++) {
-    uint64_t left = texels[i] & ~foretold;
-    for (int origin = 0; origin < GUESS_COUNT && left; origin++) {
-      uint64_t found = mix_guessed(m, &cells[i], &rays, left, &last, (guess_origin)origin);
-      foretold |= found, left &= ~found;
-    }
-    for (uint64_t of = left & poor; of; of &= of - 1) {
-      uint32_t k = (uint32_t)__builtin_ctzll(of);
-      if (mix_again(m, &rays, k, &last)) kinds[k] = last.kind[k], left &= ~(1ull << k);
-    }
-    uint64_t near = left ? mix_sought(m, &cells[i], &rays, left) : 0;
-    for (left &= ~near; left; left &= left - 1) {
-      uint32_t k = (uint32_t)__builtin_ctzll(left);
-      kinds[k] = mix_alone(m, &rays, k);
-    }
-  }
-  for (int k = 0; k < 64; k++) {
-    m->counts.wide_count += (directions->mask >> k & 1) && kinds[k] == SEEN_WIDE;
-    m->counts.four_tap_count += (directions->mask >> k & 1) && kinds[k] == SEEN_NOT;
-  }
-  m->counts.foretold_count += (uint64_t)__builtin_popcountll(foretold);
+  for (int i = 0; i < cell_count; i++)
+    foretold |= mix_rest(m, &cells[i], &rays, texels[i] & ~foretold, &last, kinds);
+  count_texels(&m->counts, directions->mask, foretold, kinds);
   m->kernel->remember(&rays, kinds, directions->mask, now);
   m->kernel->put(&rays, out, row_nbytes);
 }

@@ -11,6 +11,7 @@
 #include <cmocka.h>
 
 #include "viewer/depth_mix.h"
+#include "viewer/depth_pages.h"
 #include "viewer/half.h"
 
 enum { TEXELS = 64, DIRECTIONS = 8, BLOCKS = TEXELS / 8 };
@@ -252,6 +253,34 @@ static void four_taps_are_blurred_here(void **state) {
   assert_true(worst > 0.15);
 }
 
+static void slices_make_room_for_others(void **state) {
+  (void)state;
+  mirror light = {.of_height = false}, heights = {.of_height = true};
+  slf_layer layer = {
+      .u_count = TEXELS, .v_count = TEXELS, .s_count = DIRECTIONS, .t_count = DIRECTIONS};
+  depth_pages p;
+  uint8_t first[PAGE_NBYTES];
+  assert_true(depth_pages_create(&p, &layer, (block_source){fetch, &light}, &layer,
+                                 (block_source){fetch, &heights}));
+  p.most_pages = 6;
+  for (uint32_t t = 2; t <= 5; t++) {
+    const depth_slice *slice = depth_pages_slice(&p, 4, t);
+    for (uint32_t block = 9; block < 12; block++) depth_pages_load(&p, slice, block);
+    if (t == 2) memcpy(first, slice->bytes + 9 * PAGE_NBYTES, sizeof first);
+    depth_pages_make_room(&p);
+    assert_true(p.page_count <= 6);
+  }
+  /* The first went, the last two stayed. */
+  assert_null(p.slices[4 * DIRECTIONS + 2].bytes);
+  assert_int_equal(p.slices[4 * DIRECTIONS + 4].page_count, 3);
+  assert_int_equal(p.slices[4 * DIRECTIONS + 5].there[0], 7 << 9);
+  const depth_slice *again = depth_pages_slice(&p, 4, 2);
+  assert_int_equal(again->there[0], 0);
+  depth_pages_load(&p, again, 9);
+  assert_memory_equal(again->bytes + 9 * PAGE_NBYTES, first, sizeof first);
+  depth_pages_free(&p);
+}
+
 static void directions_outside_are_held(void **state) {
   (void)state;
   mirror light = {.of_height = false}, heights = {.of_height = true};
@@ -319,6 +348,7 @@ int main(void) {
       cmocka_unit_test(frames_of_a_flight_keep_what_they_know),
       cmocka_unit_test(kernels_give_the_same_bytes),
       cmocka_unit_test(four_taps_are_blurred_here),
+      cmocka_unit_test(slices_make_room_for_others),
       cmocka_unit_test(directions_outside_are_held),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
