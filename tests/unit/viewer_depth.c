@@ -260,8 +260,8 @@ static void slices_make_room_for_others(void **state) {
       .u_count = TEXELS, .v_count = TEXELS, .s_count = DIRECTIONS, .t_count = DIRECTIONS};
   depth_pages p;
   uint8_t first[PAGE_NBYTES];
-  assert_true(depth_pages_create(&p, &layer, (block_source){fetch, &light}, &layer,
-                                 (block_source){fetch, &heights}));
+  assert_true(depth_pages_create(&p, &layer, (block_source){.fetch = fetch, .context = &light},
+                                 &layer, (block_source){.fetch = fetch, .context = &heights}));
   p.most_pages = 6;
   for (uint32_t t = 2; t <= 5; t++) {
     const depth_slice *slice = depth_pages_slice(&p, 4, t);
