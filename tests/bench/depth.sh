@@ -106,8 +106,8 @@ for part; do
       ;;
     cube)
       tests/bench/bakes.sh cube-16 >&2
-      layers depth-cube-8 cube 64 8 4
-      gain cube "cube_near cube_far cube_left cube_right cube_top" build/bench-cube-16.slf build/bench-depth-cube-8.slf
+      layers depth-cube-12 cube 48 12 4
+      gain cube "cube_near cube_far cube_left cube_right cube_top" build/bench-cube-16.slf build/bench-depth-cube-12.slf
       ;;
     pond)
       tests/bench/bakes.sh pond-16 >&2
