@@ -307,15 +307,18 @@ static void mix_four_tap(depth_mixer *m, ray *r, float rgb[3]) {
  */
 
 /* What was found for a texel last time is where it is looked for next. Texels with some slices that
- * disagree forget every REFRESH frames, so that nothing wrong stays: all of a block at once, as
- * eight are followed at the cost of one, and each block in its turn. */
-enum { REFRESH = 64, TURN = 29 /* odd: neighbours' turns are far apart */ };
+ * disagree forget every 64th frame, so that nothing wrong stays, and each tells its neighbours what
+ * it finds: eight of a block in every eighth, one in each row and column, as eight are followed at
+ * the cost of one. Blocks take turns. */
+enum { REFRESH = 8, TURN = 3 /* odd: neighbours' turns differ */ };
 
 static depth_memory *recall(depth_mixer *m, size_t block) {
   depth_memory *last = &m->last[block];
-  if ((m->visits[block]++ + TURN * block) % REFRESH == 0)
-    for (uint32_t k = 0; k < 64; k++)
-      if (last->score[k] < (int)(100 * ALL_AGREE)) last->kind[k] = SEEN_UNKNOWN;
+  const uint32_t turn = m->visits[block]++ + TURN * (uint32_t)block;
+  for (uint32_t row = 0; row < 8 && turn % REFRESH == 0; row++) {
+    uint32_t k = 8 * row + (turn / REFRESH + 3 * row) % 8;
+    if (last->score[k] < (int)(100 * ALL_AGREE)) last->kind[k] = SEEN_UNKNOWN;
+  }
   return last;
 }
 
