@@ -37,7 +37,8 @@ while [ $hit -lt 20 ]; do
     > "$root/log" 2>&1 &
   leader=$!
   sleep "$(awk -v r=$RANDOM -v t=$took_ms 'BEGIN { print r/32768*t*0.6/1000 }')"
-  if kill -9 -- -$leader 2> /dev/null; then hit=$((hit + 1)); else whole=$((whole + 1)); fi
+  # Whoever gets through every time was timed on a busier machine.
+  if kill -9 -- -$leader 2> /dev/null; then hit=$((hit + 1)); else whole=$((whole + 1)) took_ms=$((took_ms*3/4)); fi
   wait $leader 2> /dev/null
   if [ -e build/robust.slf ]; then
     cmp -s build/robust.slf "$root/undisturbed.slf" || break
