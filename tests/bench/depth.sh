@@ -11,10 +11,6 @@ mkdir -p "$out"
 [ $# -gt 0 ] || set -- floor bottle cube pond flight speed
 MAKEFLAGS='' make --no-print-directory all build/tests/images/compare build/bench/depth build/venv/bin/python >&2
 
-layers() { # NAME SCENE TEXELS DIRECTIONS DISTANCE DECLARE
-  MAKEFLAGS='' make --no-print-directory bake SCENE="$2" NAME="bench-$1" QUALITY=paper RAYS=1 \
-    DECLARE="Texels=$3 Directions=$4 Slf_Layers=$5 ${6:-}" >&2
-}
 # Views of a scene as cameras, a line each: its own, and three at random around where its shiny things are.
 cameras() { # SCENE
   awk '$1 !~ /^#/ && NF { print $1, $2, $3, $4, $5, $6, $7, $8 }' "scenes/$1/views"
@@ -80,17 +76,12 @@ echo "{"
 for part; do
   case $part in
     floor)
-      tests/bench/bakes.sh floor-16 >&2
-      layers depth-floor-8 floor 128 8 8 Mirror=1
-      layers depth-floor-256-16 floor 256 16 8 Mirror=1
+      tests/bench/bakes.sh floor-16 depth-floor-8 depth-floor-256-16 depth-floor-96-6 paper-floor-64 >&2
       gain floor floor build/bench-floor-16.slf build/bench-depth-floor-8.slf
       heights_share build/bench-depth-floor-8.slf floor
       measure floor floor build/bench-depth-floor-256-16.slf depth
       echo "  \"depth_psnr_floor_256_16_coded\": $psnr,"
       # The paper's way with 64x64 directions, one ray a texel; how small layers are that come out as well.
-      MAKEFLAGS='' make --no-print-directory bake SCENE=floor NAME=bench-paper-floor-64 QUALITY=paper RAYS=1 \
-        DECLARE="Texels=128 Directions=64 Mirror=1" >&2
-      layers depth-floor-96-6 floor 96 6 8 Mirror=1
       measure floor floor build/bench-paper-floor-64.slf four-tap; p=$psnr f=$flip
       measure floor floor build/bench-depth-floor-96-6.slf depth
       awk -v p="$p" -v d="$psnr" -v fp="$f" -v fd="$flip" -v pn="$(nbytes build/bench-paper-floor-64.slf floor)" -v dn="$(nbytes build/bench-depth-floor-96-6.slf floor)" 'BEGIN {
@@ -99,29 +90,26 @@ for part; do
         printf "  \"depth_flip_four_tap_64\": %.4f,\n  \"depth_flip_floor_96_6\": %.4f,\n", fp, fd }'
       ;;
     bottle)
-      tests/bench/bakes.sh bottle-32 >&2
-      layers depth-bottle-16 bottle 128 16 4
+      tests/bench/bakes.sh bottle-32 depth-bottle-16 >&2
       gain bottle bottle build/bench-bottle-32.slf build/bench-depth-bottle-16.slf
       heights_share build/bench-depth-bottle-16.slf bottle
       ;;
     cube)
-      tests/bench/bakes.sh cube-16 >&2
-      layers depth-cube-12 cube 48 12 4
+      tests/bench/bakes.sh cube-16 depth-cube-12 >&2
       gain cube "cube_near cube_far cube_left cube_right cube_top" build/bench-cube-16.slf build/bench-depth-cube-12.slf
       ;;
     pond)
-      tests/bench/bakes.sh pond-16 >&2
-      layers depth-pond-8 pond 256 8 8
+      tests/bench/bakes.sh pond-16 depth-pond-8 >&2
       gain pond water build/bench-pond-16.slf build/bench-depth-pond-8.slf
       heights_share build/bench-depth-pond-8.slf water
       build/bench/depth pond build/bench-depth-pond-8.slf | sed '1d;$d;s/\([0-9]\)$/\1,/'
       ;;
     flight)
-      layers depth-pond-8 pond 256 8 8
+      tests/bench/bakes.sh depth-pond-8 >&2
       tests/bench/flight.sh build/bench-depth-pond-8.slf 200 160x120 build/bench/flight | sed '$s/$/,/'
       ;;
     speed)
-      layers depth-floor-256-16 floor 256 16 8 Mirror=1
+      tests/bench/bakes.sh depth-floor-256-16 >&2
       build/bench/depth mix build/bench-depth-floor-256-16.slf | sed '1d;$d;s/\([0-9]\)$/\1,/'
       ;;
     *) echo "depth.sh: '$part': expected floor, bottle, cube, pond, flight or speed" >&2; exit 2 ;;
