@@ -1,7 +1,7 @@
 #!/bin/sh
 # What the codec costs and gains, as one flat object of named numbers: build/bench/codec.json.
 # usage: codec.sh [PART...] (all of them), from the repository's root, after make bench-bakes.
-# A part is a light field: its numbers go to build/bench/codec/PART.json, with keys that end in
+# A part is a light field: its numbers go to build/bench/codec.parts/PART.json, with keys that end in
 # SCENE_DIRECTIONS. When all are there they are put together, and of those that a goal names the worst
 # over the parts stands under the bare name.
 set -eu

@@ -111,14 +111,15 @@ class Report:
 
     def shiny(self, file):
         """The layers with directions of a file: bytes, raw bytes, slices."""
-        layers = [layer for surface in self.info(file)["surfaces"] for layer in surface["layers"]
-                  if layer["slices"] > 1]
+        surfaces = [[layer for layer in surface["layers"] if layer["slices"] > 1]
+                    for surface in self.info(file)["surfaces"]]
+        layers = [layer for surface in surfaces for layer in surface]
         raw = sum(layer["raw_nbytes"] for layer in layers)
         nbytes = sum(layer["payload_nbytes"] + layer["index_nbytes"] for layer in layers)
         # Over all of them, by their raw bytes: what the encoder measured against what it was given.
         mse = sum(255 ** 2 / 10 ** (layer["psnr"] / 10) * layer["raw_nbytes"] for layer in layers) / raw
         return dict(raw_nbytes=raw, coded_psnr=psnr(mse), nbytes=nbytes, ratio=raw / nbytes, directions=layers[0]["directions"],
-                    texels=layers[0]["texels"], surfaces=len(layers))
+                    texels=layers[0]["texels"], surfaces=sum(bool(surface) for surface in surfaces))
 
     # ---- Pictures ----------------------------------------------------------------------------------
 
@@ -354,13 +355,15 @@ class Report:
                     "finish { ambient 0 diffuse 0 reflection rgb <0.84, 0.92, 0.95> } }")
             run(["tests/truth", "pond", view, SIZE, "3", out], also=also)
         drawn = self.drawn(file, view, "--ripple-script", script)
+        sharp = self.drawn(self.baked_file(SCENES["pond"]["depth"])[0], view, "--ripple-script", script)
         flat = self.drawn(file, view)
         mask = eroded(np.asarray(Image.open(self.mask("pond", file, view)).convert("L")) > 127)
 
         def against(other):
             return psnr(float(np.mean((pixels(out) - pixels(other))[mask] ** 2)))
 
-        return dict(truth=str(out), drawn=str(drawn), flat=str(flat), psnr=against(drawn), psnr_flat=against(flat))
+        return dict(truth=str(out), drawn=str(drawn), sharp=str(sharp), flat=str(flat), psnr=against(drawn),
+                    psnr_sharp=against(sharp), psnr_flat=against(flat))
 
     def figure_8(self):
         file, _ = self.bake("pond", 32)

@@ -252,9 +252,11 @@ def section_figures(result):
                       f"{s['psnr']:.2f} dB"] for s in six["schemes"]]),
               strip([(f"{s['angular']} {s['ratio']:.0f}:1", s["picture"]) for s in six["schemes"]], "figure-6")]
     parts += ["<h3>Figure 7: the pond</h3>",
-              f"<p>The same ripples by POV-Ray and by the viewer: {seven['psnr']:.1f} dB over the water; flat water in "
-              f"their place has {seven['psnr_flat']:.1f} dB.</p>",
-              strip([("POV-Ray", seven["truth"]), ("viewer", seven["drawn"]), ("flat water", seven["flat"])], "figure-7"),
+              f"<p>The same ripples by POV-Ray and by the viewer: {seven['psnr']:.1f} dB over the water with four taps of "
+              f"32x32 directions, {seven['psnr_sharp']:.1f} dB with 8x8 directions read by depth; flat water in their place "
+              f"has {seven['psnr_flat']:.1f} dB.</p>",
+              strip([("POV-Ray", seven["truth"]), ("four taps", seven["drawn"]), ("by depth", seven["sharp"]),
+                     ("flat water", seven["flat"])], "figure-7"),
               "<h3>Figure 8: the cache map</h3>", "<p>A box for each (S,T), a pixel for each block of 8x8 texels; green: "
               "cached, red: decompressed in this frame. Above flat water, below the rippled pond: "
               f"{eight['rippled_fresh']:,} of {eight['resident']:,} cached blocks are new "
