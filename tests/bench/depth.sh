@@ -4,7 +4,7 @@
 # what it costs. Writes the flat build/bench/depth.json. Run from the repository's root; bakes what is
 # missing. Bytes are those of the shiny surfaces, heights included. FLIP comes out of the report's venv.
 # usage: depth.sh [SCENE...] (floor bottle cube pond flight speed: all of them)
-set -eu
+set -euo pipefail
 size=320x240
 out=build/bench/depth-views
 mkdir -p "$out"
@@ -85,7 +85,7 @@ for part; do
       measure floor floor build/bench-paper-floor-64.slf four-tap; p=$psnr f=$flip
       measure floor floor build/bench-depth-floor-96-6.slf depth
       awk -v p="$p" -v d="$psnr" -v fp="$f" -v fd="$flip" -v pn="$(nbytes build/bench-paper-floor-64.slf floor)" -v dn="$(nbytes build/bench-depth-floor-96-6.slf floor)" 'BEGIN {
-        printf "  \"depth_bytes_vs_four_tap_64\": %s,\n", d >= p ? sprintf("%.4f", dn/pn) : "null"
+        printf "  \"depth_bytes_vs_four_tap_64\": %s,\n", (d >= p ? sprintf("%.4f", dn/pn) : "null")
         printf "  \"depth_psnr_four_tap_64\": %.2f,\n  \"depth_psnr_floor_96_6\": %.2f,\n", p, d
         printf "  \"depth_flip_four_tap_64\": %.4f,\n  \"depth_flip_floor_96_6\": %.4f,\n", fp, fd }'
       ;;
