@@ -274,7 +274,8 @@ CODECS = dict(none="slf, independent blocks", layered="slf, layered", jpeg="JPEG
 
 def labels(bench, prefix):
     """The light fields of which a bench has figures: floor_16 of ratio_none_floor_16."""
-    return [key.removeprefix(prefix) for key in bench if key.startswith(prefix) and key[-1].isdigit()]
+    names = [key.removeprefix(prefix) for key in bench if key.startswith(prefix) and key[-1].isdigit()]
+    return [name for name in names if not name.startswith("vs_")]
 
 
 def grouped_bars(axes, rows, series, value):
