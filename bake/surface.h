@@ -3,9 +3,10 @@
  * The describe pass of slf.inc writes one text file for a scene:
  *   surface NAME TEXELS_U TEXELS_V DIRECTIONS_S DIRECTIONS_T WRAP_U WRAP_V
  *   layers DISTANCE                      (only if it is to be baked as layers)
- *   auto ERROR LAYERS                    (only if the directions are 0 x 0: to be chosen; LAYERS 1:
- * and whether it is baked as layers) planar CORNER EDGE_U EDGE_V          (only if P(U,V) = corner
- * + U edge_u + V edge_v) grid COLUMNS ROWS                    then as many vertices, row by row:
+ *   auto ERROR LAYERS                    (only if the directions are 0 x 0: to be chosen, and, if
+ *                                         LAYERS is 1, whether it is baked as layers)
+ *   planar CORNER EDGE_U EDGE_V          (only if P(U,V) = corner + U edge_u + V edge_v)
+ *   grid COLUMNS ROWS                    then as many vertices, row by row:
  *   POSITION NORMAL TANGENT_U TANGENT_V U V
  *   radiosity, photons                   (only if the light pass is to fill their caches)
  *   water NAME
