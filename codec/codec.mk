@@ -68,8 +68,8 @@ $(PEERS_PYTHON): tests/bench/requirements.txt | build/deps/peers
 	@touch $@
 
 .PHONY: bench-codec
-bench-codec: bench-bakes $(CODEC_BENCH) $(PEERS_PYTHON)
-	@tests/bench/codec.sh
+bench-codec: all $(CODEC_BENCH) $(PEERS_PYTHON) ## Measure the codec beside its peers: build/bench/codec.json
+	@QUALITY=$(QUALITY) tests/bench/codec.sh
 
 # libFuzzer's targets: the library and one tests/fuzz/NAME.c, by clang, sanitized.
 FUZZ_TARGETS := open blocks round_trip

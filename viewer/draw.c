@@ -27,8 +27,9 @@ typedef struct {
   GLsizei index_count;
   drawn_layer *layers;
   uint32_t layer_count;
-  water *water;  /* or NULL */
-  bool was_bent; /* the latest texture shows ripples */
+  water *water;          /* or NULL */
+  bool was_bent;         /* the latest texture shows ripples */
+  float low[3], high[3]; /* the box around its vertices */
 } drawn_surface;
 
 /* Below some 2 ms of decompression nobody waits; above, a thread that others keep from its
@@ -318,15 +319,25 @@ static bool create_surface(drawing *d, uint32_t index) {
   return true;
 }
 
+static void bound_surface(drawn_surface *s, const slf_mesh *mesh) {
+  for (int k = 0; k < 3; k++) {
+    s->low[k] = INFINITY;
+    s->high[k] = -INFINITY;
+    for (uint32_t v = 0; v < mesh->vertex_count; v++) {
+      s->low[k] = fminf(s->low[k], mesh->vertices[v].position[k]);
+      s->high[k] = fmaxf(s->high[k], mesh->vertices[v].position[k]);
+    }
+  }
+}
+
 static void bound_scene(drawing *d) {
   float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
   for (uint32_t i = 0; i < d->surface_count; i++) {
-    const slf_mesh *mesh = &slf_get_surface(d->file, i)->mesh;
-    for (uint32_t v = 0; v < mesh->vertex_count; v++)
-      for (int k = 0; k < 3; k++) {
-        low[k] = fminf(low[k], mesh->vertices[v].position[k]);
-        high[k] = fmaxf(high[k], mesh->vertices[v].position[k]);
-      }
+    bound_surface(&d->surfaces[i], &slf_get_surface(d->file, i)->mesh);
+    for (int k = 0; k < 3; k++) {
+      low[k] = fminf(low[k], d->surfaces[i].low[k]);
+      high[k] = fmaxf(high[k], d->surfaces[i].high[k]);
+    }
   }
   float radius_2 = 0;
   for (int k = 0; k < 3; k++) {
@@ -426,14 +437,23 @@ static slf_result resize(drawing *d, int width_px, int height_px, slf_error *err
   return SLF_OK;
 }
 
-/* Near and far follow the scene: nearer than 1/2000 of its radius is cut off. */
+static float distance_to_box(const float point[3], const float low[3], const float high[3]) {
+  float out[3];
+  for (int k = 0; k < 3; k++) out[k] = fmaxf(fmaxf(low[k] - point[k], point[k] - high[k]), 0);
+  return sqrtf(out[0] * out[0] + out[1] * out[1] + out[2] * out[2]);
+}
+
+/* Near and far follow what there is: nothing is cut off but what is nearer than 1/100,000 of the
+ * scene's radius. Of two points at one distance the one in the picture's corner lies least deep. */
 static void clip_planes(const drawing *d, const camera *c, float *z_near, float *z_far) {
-  float distance_2 = 0;
+  float nearest = INFINITY, distance_2 = 0;
+  for (uint32_t i = 0; i < d->surface_count; i++)
+    nearest = fminf(nearest, distance_to_box(c->location, d->surfaces[i].low, d->surfaces[i].high));
   for (int k = 0; k < 3; k++)
     distance_2 += (d->centre[k] - c->location[k]) * (d->centre[k] - c->location[k]);
-  float distance = sqrtf(distance_2);
-  *z_near = fmaxf(distance - d->radius * 1.01f, d->radius * 0.0005f);
-  *z_far = distance + d->radius * 1.01f;
+  const float corner = sqrtf(1 + c->tan_x * c->tan_x + c->tan_y * c->tan_y);
+  *z_near = fmaxf(0.99f * nearest / corner, 1e-5f * d->radius);
+  *z_far = sqrtf(distance_2) + d->radius * 1.01f;
   if (!(*z_far > *z_near * 1.0001f)) *z_far = *z_near * 1.0001f; /* rounding, very far away */
 }
 

@@ -68,8 +68,8 @@ $(OUT)/tests/window/slow.so: $(OBJ)/tests/window/slow.o
 	$(call say,link,$@)$(CC) $(ALL_CFLAGS) -shared $^ $(ALL_LDFLAGS) -ldl -o $@
 
 .PHONY: bench-viewer
-bench-viewer: $(addprefix $(OUT)/bench/,viewer open) $(OUT)/slfview build/tests/images/compare
-	@tests/bench/viewer.sh
+bench-viewer: all $(addprefix $(OUT)/bench/,viewer open) $(OUT)/slfview build/tests/images/compare ## Measure the viewer: build/bench/viewer.json
+	@QUALITY=$(QUALITY) tests/bench/viewer.sh
 
 .PHONY: install-viewer
 install-viewer: $(OUT)/slfview

@@ -8,7 +8,11 @@ set -eu
 bake() {
   name=bench-$1 scene=$2 texels="Texels=$3" rays=$4; shift 4
   declare=("Directions=${name##*-}" "$texels" "$@")
-  if [ "${QUALITY:-}" = paper ]; then rays=25; declare=("Directions=${name##*-}" "$@"); fi
+  if [ "${QUALITY:-}" = paper ]; then
+    rays=25
+    [[ $name = *_texels-* ]] || texels=
+    declare=("Directions=${name##*-}" $texels "$@")
+  fi
   [ -d "build/bake/$name" ] || fresh=1
   count_s; before=$s
   env -u MAKEFLAGS -u MFLAGS -u MAKELEVEL make --no-print-directory bake SCENE="$scene" NAME="$name" QUALITY=paper \

@@ -1,11 +1,12 @@
-#!/bin/sh
+#!/bin/bash
 # What the codec costs and gains, as one flat object of named numbers: build/bench/codec.json.
-# usage: codec.sh [PART...] (all of them), from the repository's root, after make bench-bakes.
-# A part is a light field: its numbers go to build/bench/codec.parts/PART.json, with keys that end in
-# SCENE_DIRECTIONS. When all are there they are put together, and of those that a goal names the worst
-# over the parts stands under the bare name.
+# usage: codec.sh [PART...] (all of them), from the repository's root; bakes what is missing.
+# A part is a light field of tests/bench/bakes, or the synthetic mirror: its numbers go to
+# build/bench/codec.parts/PART.json, with keys that end in SCENE_DIRECTIONS. Times are the processor's, as ratios
+# in one run, so that each processor measures a part. When all are there they are put together, and of those
+# that a goal names the worst over the parts stands under the bare name.
 set -eu
-all="synthetic-16 floor-16 bottle-16 bottle-32 bottle-64 box-16 cube-32"
+all="synthetic-16 floor_128_texels-16 bottle-16 bottle-32 bottle-64 box-16 cube-32"
 out=build/bench/codec.parts; mkdir -p "$out"
 first() { # the first surface of a scene with directions
   awk '/^surface /{ if ($5 > 1) { print $2; exit } }' "$1/scene.txt"
@@ -14,19 +15,27 @@ rays() { # that it was baked with
   awk '/^BAKE_RAYS/{ print $NF }' "$1/options.mk"
 }
 measure() { # PART: ours beside libjpeg-turbo, then the other peers
-  label=$(echo "$1" | tr - _) folder=build/bake/bench-$1 new=$out/$1.part
+  label=$(echo "$1" | sed 's/_[0-9]*_texels//; s/-/_/') folder=build/bake/bench-$1 new=$out/$1.part
   rm -f "$out/$1.json"
   if [ "$1" = synthetic-16 ]; then
     build/bench/codec "$label" > "$new"
   else
-    [ -s "$folder/scene.txt" ] || { echo "codec.sh: $folder is missing: make bench-bakes" >&2; exit 1; }
     set -- "$1" "$folder" "$(first "$folder")" "$(rays "$folder")"
     build/bench/codec "$label" "$2" "$3" "$4" > "$new"
     build/bench/venv/bin/python tests/bench/peers.py build/bench/codec "$new" "$label" "$2" "$3" "$4"
   fi
   mv "$new" "$out/$1.json"
 }
-for part in ${*:-$all}; do measure "$part"; done
+parts=${*:-$all}
+# shellcheck disable=SC2086 # words
+tests/bench/bakes.sh $(printf '%s\n' $parts | grep -v '^synthetic')
+running=0
+for part in $parts; do
+  [ $running -lt "$(nproc)" ] || { wait -n; running=$((running - 1)); }
+  measure "$part" &
+  running=$((running + 1))
+done
+for ((; running > 0; running--)); do wait -n; done
 set --
 for part in $all; do
   [ -s "$out/$part.json" ] || { echo "codec.sh: $out/$part.json is still to come" >&2; exit 0; }

@@ -76,8 +76,8 @@ echo "{"
 for part; do
   case $part in
     floor)
-      tests/bench/bakes.sh floor-16 depth-floor-8 depth-floor-256-16 depth-floor-96-6 paper-floor-64 >&2
-      gain floor floor build/bench-floor-16.slf build/bench-depth-floor-8.slf
+      tests/bench/bakes.sh floor_128_texels-16 depth-floor-8 depth-floor-256-16 depth-floor-96-6 paper-floor-64 >&2
+      gain floor floor build/bench-floor_128_texels-16.slf build/bench-depth-floor-8.slf
       heights_share build/bench-depth-floor-8.slf floor
       measure floor floor build/bench-depth-floor-256-16.slf depth
       echo "  \"depth_psnr_floor_256_16_coded\": $psnr,"
@@ -99,8 +99,8 @@ for part; do
       gain cube "cube_near cube_far cube_left cube_right cube_top" build/bench-cube-16.slf build/bench-depth-cube-12.slf
       ;;
     pond)
-      tests/bench/bakes.sh pond-16 depth-pond-8 >&2
-      gain pond water build/bench-pond-16.slf build/bench-depth-pond-8.slf
+      tests/bench/bakes.sh pond_256_texels-16 depth-pond-8 >&2
+      gain pond water build/bench-pond_256_texels-16.slf build/bench-depth-pond-8.slf
       heights_share build/bench-depth-pond-8.slf water
       build/bench/depth pond build/bench-depth-pond-8.slf | sed '1d;$d;s/\([0-9]\)$/\1,/'
       ;;

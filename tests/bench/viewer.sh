@@ -1,6 +1,6 @@
 #!/bin/bash
 # What the viewer costs, as one flat object of named numbers: build/bench/viewer.json.
-# usage: viewer.sh, from the repository's root, after make bench-bakes. Keys end in SCENE_DIRECTIONS;
+# usage: viewer.sh, from the repository's root; bakes what is missing. Keys end in SCENE_DIRECTIONS;
 # those without a scene's name are the worst over the scenes. Bottle and cube are the paper's shapes; the
 # pond, a floor of 256x256 texels, is as large as the paper's surfaces were. What a cold frame costs goes
 # with the bits of a block, so bottle and cube are measured at 11 to 1, too, where the paper saw no loss. The
@@ -8,12 +8,10 @@
 #   make bake SCENE=bottle NAME=bench-bottle_256_texels-32 QUALITY=paper RAYS=1 DECLARE="Directions=32 Texels=256"
 set -eu
 out=build/bench; mkdir -p "$out"
-files=()
-for job in bottle-{8,16,32,64} cube-{8,16,32,64} pond-32; do
-  file=build/bench-$job.slf
-  [ -s "$file" ] || { echo "viewer.sh: $file is missing: make bench-bakes" >&2; exit 1; }
-  files+=("$file")
-done
+fields=(bottle-{8,16,32,64} cube-{8,16,32,64} pond_256_texels-32)
+tests/bench/bakes.sh "${fields[@]}"
+files=("${fields[@]/#/build/bench-}")
+files=("${files[@]/%/.slf}")
 [ ! -s build/bench-bottle_256_texels-32.slf ] || files+=(build/bench-bottle_256_texels-32.slf)
 for scene in bottle cube; do
   small=$out/viewer-$scene-32.slf

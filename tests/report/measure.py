@@ -27,8 +27,8 @@ SAMPLES = 3  # squared, in a pixel of the viewer's pictures
 BUILD = pathlib.Path("build")
 
 # Bakes are bench-NAME-DIRECTIONS.slf. `directions` is what the other axes of the plots are held at,
-# `scan` the line of directions, `depth` the bake as layers that are read by depth. Rays a pixel of the
-# truth, squared: the facets of the dull floor are noise.
+# `scan` the line of directions, to which a quick report adds 64 only where it is baked, `depth` the bake as
+# layers that are read by depth. Rays a pixel of the truth, squared: the facets of the dull floor are noise.
 SCENES = {
     "dull": dict(scene="floor", declare="Mirror=0", surfaces=["floor"], directions=16, scan=[4, 8, 16], truth=10),
     "floor": dict(scene="floor", declare="Mirror=1", surfaces=["floor"], directions=32, scan=[4, 8, 16, 32],
@@ -38,7 +38,7 @@ SCENES = {
     "box": dict(scene="box", declare="", surfaces=None, directions=16, scan=[4, 8, 16], truth=7),
     "cube": dict(scene="cube", declare="", surfaces=None, directions=32, scan=[4, 8, 16, 32, 64],
                  depth="depth-cube-12", truth=7),
-    "pond": dict(scene="pond", declare="", surfaces=["water"], directions=16, scan=[8, 16, 32],
+    "pond": dict(scene="pond", declare="", surfaces=["water"], directions=32, scan=[4, 8, 16, 32],
                  depth="depth-pond-8", truth=7),
 }
 VIEWS = dict(preview=2, paper=6)
@@ -101,6 +101,10 @@ class Report:
             [BUILD / "report/recode", file, angular, f"{quality:g}", out, *halved])), file)
         return out, made["cpu_s"]
 
+    def scan(self, name):
+        return [n for n in SCENES[name]["scan"]
+                if n < 64 or self.quality == "paper" or readable(BUILD / f"bench-{name}-{n}.slf")]
+
     def halved(self, name, file):
         """With half the texels each way, each the mean of four: what a bake of that many would hold."""
         return self.recode(file, "layered", 90, "half")[0]
@@ -133,15 +137,19 @@ class Report:
         declares = [f"Declare={x}" for x in scene["declare"].split()]
 
         def make():
-            # What POV-Ray takes to start and to read the scene is not of the frame.
-            start_s = run(["tests/truth", scene["scene"], view, "8x6", "1", self.picture("start"), *declares])
             cpu_s = run(["tests/truth", scene["scene"], view, SIZE, str(rays), out, *declares])
-            return dict(ms=1e3 * max(cpu_s - start_s, 0))
+            return dict(ms=1e3 * max(cpu_s - self.start_s(scene["scene"], view, declares), 0))
 
         if not out.exists():
             self.forget(f"truth-{name}-{view}-{rays}")
         return out, self.kept(f"truth-{name}-{view}-{rays}", make,
                               f"scenes/{scene['scene']}/{scene['scene']}.pov")["ms"]
+
+    def start_s(self, scene, view, declares):
+        """What POV-Ray takes to start and to read the scene: not of the frame."""
+        return self.kept("-".join(["start", scene, *declares]), lambda: dict(cpu_s=run(
+            ["tests/truth", scene, view, "8x6", "1", self.picture("start"), *declares])),
+            f"scenes/{scene}/{scene}.pov")["cpu_s"]
 
     def drawn(self, file, view, *options):
         """The viewer's picture."""
@@ -211,11 +219,10 @@ class Report:
     def scene_points(self):
         table = []
         for name in SCENES:
-            file, bake_s = self.bake(name, SCENES[name]["scan"][-1])
-            base, _ = self.base(name)
-            table.append(dict(scene=name, **self.point(name, file, bake_s, base, name)))
+            file, bake_s = self.base(name)
+            table.append(dict(scene=name, **self.point(name, file, bake_s, file, name)))
             if "depth" in SCENES[name]:
-                table.append(dict(scene=name + ", by depth", **self.by_depth(name, base)))
+                table.append(dict(scene=name + ", by depth", **self.by_depth(name, file)))
         return table
 
     def by_depth(self, name, base):
@@ -225,7 +232,7 @@ class Report:
     def draw_ahead(self, name):
         """The pictures that errors are told from, drawn side by side: none of them is timed."""
         file, _ = self.base(name)
-        files = [(self.bake(name, n)[0], []) for n in SCENES[name]["scan"]]
+        files = [(self.bake(name, n)[0], []) for n in self.scan(name)]
         files += [(self.halved(name, file), [])] + [(self.recode(file, "layered", q)[0], []) for q in QUALITIES]
         files += [(file, ["--dice", dice]) for dice in [1] + DICE_PX]
         views = self.views(name)
@@ -240,7 +247,7 @@ class Report:
         file, bake_s = self.base(name)
         texels = self.shiny(file)["texels"][0]
         lines = {"directions": [], "texels": [], "quality": [], "dice": [], "cache": []}
-        for directions in SCENES[name]["scan"]:
+        for directions in self.scan(name):
             other, other_s = self.bake(name, directions)
             lines["directions"].append(self.point(name, other, other_s, file, directions))
         lines["texels"] = [self.point(name, self.halved(name, file), None, file, texels // 2),
@@ -306,16 +313,23 @@ class Report:
         return {key.removesuffix("_" + file.stem): value for key, value in values.items()}
 
     def quality_for_ratio(self, file, angular, ratio):
-        """The file of this ratio, to a few percent, by halving."""
-        low, high = 1.0, 100.0
-        for _ in range(7):
-            middle = round((low + high) / 2, 1)
-            other, _ = self.recode(file, angular, middle)
-            if self.shiny(other)["ratio"] > ratio:
-                low = middle
+        """The file of this ratio, to 2 %, and its quality: between two qualities the ratio goes about as a power."""
+        def ratio_at(quality):
+            return self.shiny(self.recode(file, angular, quality)[0])["ratio"]
+
+        low, middle, high = QUALITIES
+        for _ in range(6):
+            if ratio_at(high) > ratio:
+                low, high = high, min(100, high + 10)
+            elif ratio_at(low) < ratio:
+                low, high = max(1, low - 20), low
             else:
-                high = middle
-        return other, middle
+                part = np.log(ratio_at(low) / ratio) / np.log(ratio_at(low) / ratio_at(high))
+                middle = round(low + (high - low) * float(part), 1)
+                if abs(ratio_at(middle) / ratio - 1) < 0.02 or middle in (low, high):
+                    break
+                low, high = (middle, high) if ratio_at(middle) > ratio else (low, middle)
+        return self.recode(file, angular, middle)[0], middle
 
     def figure_4(self):
         file, _ = self.base("dull")
@@ -399,7 +413,7 @@ class Report:
             clock = self.frame_time(file)
             lines[line].append(dict(x=x, make_s=made["cpu_s"], **clock, **self.shiny(file),
                                     file_nbytes=self.info(file)["file_nbytes"]))
-        files = [self.bake(name, n)[0] for name in SCENES for n in SCENES[name]["scan"]]
+        files = [self.bake(name, n)[0] for name in SCENES for n in self.scan(name)]
         lines["file"] = sorted((dict(x=self.info(f)["file_nbytes"], **self.frame_time(f)) for f in files),
                                key=lambda p: p["x"])
         return lines

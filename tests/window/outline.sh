@@ -24,7 +24,7 @@ even() { # PICTURE SURFACE OPTIONS...: pixels of the surface that differ from th
   [ "$off" = 0 ] && identify -format '%[fx:mean]' "$out/$1-mask.png" | awk '{ exit !($1 > 0.0005) }'
 }
 
-echo "1..16"
+echo "1..18"
 for view in door floor ball near grazing; do
   check "the ball is even at view $view" even "ball-$view" ball --view $view --filter anisotropic
 done
@@ -33,6 +33,9 @@ check "the floor is even when grazed" even floor-grazing floor --view grazing --
 check "the ball is even, trilinear" even trilinear ball --view door --filter trilinear
 check "the ball is even when it covers few pixels" even small ball --view door --size 40x30
 check "the ball is even from far away" even far ball --camera -2.9,3.9,-2.9,0.6,1.1,0.4,120 --size 64x48
+# The room's radius is 4.7; what is nearer than 1/100,000 of it would be cut off.
+check "the floor is even from 1/1000 above it" even touching floor --camera -1,0.001,-1,-1,0,-1.0001,60
+check "and fills the picture" eval '[ "$(identify -format "%[fx:mean]" "$out/touching-mask.png")" = 1 ]'
 check "OSMesa and EGL draw the same" eval \
   'draw osmesa --backend osmesa && draw egl --backend egl && cmp "$out/osmesa.png" "$out/egl.png"'
 for cache in 0 4; do
