@@ -22,7 +22,7 @@ static void *verify(void *context) {
   return NULL;
 }
 
-slf_result checked_file_open(const char *path, checked_file **out, slf_error *error) {
+slf_result checked_file_open(const char *path, bool coming, checked_file **out, slf_error *error) {
   *out = NULL;
   checked_file *c = calloc(1, sizeof *c);
   char *copy = strdup(path);
@@ -33,7 +33,8 @@ slf_result checked_file_open(const char *path, checked_file **out, slf_error *er
     return SLF_ERROR_MEMORY;
   }
   c->path = copy;
-  slf_result result = slf_open(path, &c->file, error);
+  slf_result result =
+      coming ? slf_open_prefix(path, &c->file, error) : slf_open(path, &c->file, error);
   if (result != SLF_OK) {
     checked_file_close(c);
     return result;

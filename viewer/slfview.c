@@ -55,7 +55,7 @@ static const char help[] =
     "  --scene \"FILE.pov [povray options]\"\n"
     "                      the scene of the file, for comparison with POV-Ray (F5)\n"
     "  --path FILE         a camera path to play (viewer/path.h); with --output its pictures\n"
-    "  --watch             reload the file when it is baked again\n"
+    "  --watch             reload the file when it is baked again, or more of it has come\n"
     "  --bench N           draw N frames along the path, or in orbit by one degree each, without\n"
     "                      writing them; print what a frame cost as one JSON object\n"
     "  --filter NAME       trilinear, anisotropic or auto (default): anisotropic, but trilinear in "
@@ -641,7 +641,7 @@ int main(int argc, char **argv) {
   ripple_script *script = NULL;
   slf_result result = SLF_OK;
   if (o.ripple_script) result = ripple_script_read(o.ripple_script, &script, &error);
-  if (result == SLF_OK) result = checked_file_open(o.path, &checked, &error);
+  if (result == SLF_OK) result = checked_file_open(o.path, o.watch, &checked, &error);
   if (result == SLF_OK && (result = choose_view(&o, checked_file_get(checked), &view, &error))) {
     checked_file_close(checked);
   } else if (result == SLF_OK && (o.output || o.bench_count)) {

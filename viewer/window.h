@@ -16,7 +16,7 @@ typedef struct {
   const slf_view *view;  /* where to start, NULL: the first view of each file */
   const char *scene;     /* for the comparison with POV-Ray, see truth.h; may be NULL */
   const char *path_file; /* a camera path to begin with, see path.h; may be NULL */
-  bool watch;            /* reload a file that was baked again */
+  bool watch;            /* reload a file that was baked again, or of which more has come */
   /* Called for each drawing that is made, for what the window does not know of: water, and what
    * filter suits the driver. May be NULL. */
   slf_result (*prepare)(void *context, const slf_file *file, drawing *d, slf_error *error);

@@ -83,7 +83,7 @@ slf_result window_show_file(checked_file *file, bool keep_view, slf_error *error
   window.file_time = time_of(checked_file_path(file));
   maps_clear(&window.maps);
   map_first_shiny();
-  window.settling = window_coarsest_level();
+  window.settling = keep_view ? 0 : window_coarsest_level();
   window.changed = true;
   window_apply_look();
   if (!keep_view) {
@@ -101,7 +101,7 @@ slf_result window_show_file(checked_file *file, bool keep_view, slf_error *error
 bool window_open_file(int index, bool keep_view) {
   checked_file *file;
   slf_error error;
-  if (checked_file_open(window.files[index], &file, &error) != SLF_OK) {
+  if (checked_file_open(window.files[index], window.options->watch, &file, &error) != SLF_OK) {
     window_report(&error);
     return false;
   }
@@ -130,7 +130,8 @@ bool window_add_file(const char *name) {
   return true;
 }
 
-/* A baked file replaces the old one in one go (rename), so a new time means a whole new file. */
+/* A baked file replaces the old one in one go (rename), so a new time means a whole new file, or more of
+ * one that is still coming. */
 void window_watch_file(void) {
   struct timespec now = time_of(window.files[window.file_index]);
   if (now.tv_sec == 0 ||
@@ -145,7 +146,9 @@ void window_report_check(void) {
   slf_error error;
   if (window.check_reported || !checked_file_done(window.file, &result, &error)) return;
   window.check_reported = true;
-  if (result == SLF_OK) return;
+  if (result == SLF_ERROR_PARTIAL)
+    window_tell("%.1f MB of the file are here", 1e-6 * (double)slf_file_nbytes(window_shown()));
+  if (result == SLF_OK || result == SLF_ERROR_PARTIAL) return;
   window.check_failed = true;
   window_report(&error);
 }

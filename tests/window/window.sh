@@ -45,7 +45,7 @@ green() { # PICTURE: pixels of the cache map's green
     -format '%[fx:int(mean*w*h)]' info:
 }
 
-echo "1..42"
+echo "1..45"
 build/bench/room 64 8 1 80 "$out/room.slf" && build/bench/room 32 4 1 80 "$out/small.slf" || exit 1
 slfview=$PWD/build/slfview
 
@@ -158,6 +158,17 @@ check "a file is dropped on the window" build/tests/window/drop "$id" "$PWD/$out
 check "and shown" wait_for xdotool search --name dropped.slf
 key F3
 check "F3 shows the file before" wait_for xdotool search --name "^small.slf"
+# A third of a file has come, then all of it: the view is the one that the window keeps throughout.
+nbytes=$(stat -c %s "$out/first.slf"); head -c $((nbytes / 3)) "$out/first.slf" > "$out/coming.slf"
+build/tests/window/drop "$id" "$PWD/$out/coming.slf"
+check "of a file that is still coming, what is there is shown" eval \
+  'wait_for xdotool search --name coming.slf && shows coming mean_between coming 0.15 0.85'
+tail -c +$((nbytes / 3 + 1)) "$out/first.slf" >> "$out/coming.slf"
+"$slfview" "$out/first.slf" --output "$out/came.png" --backend osmesa
+check "and then all of it" shows all same_above all came
+check "which is not the same" differ_above coming all 1000
+key F3
+wait_for xdotool search --name "^dropped.slf"; key F3; wait_for xdotool search --name "^small.slf"; sleep 0.5
 import -window "$id" "$out/before.png"
 echo "no light field" > "$out/broken.slf"; build/tests/window/drop "$id" "$PWD/$out/broken.slf"
 check "a broken file is refused on stderr" wait_for grep -q broken.slf "$out/stderr"
