@@ -10,8 +10,8 @@
 typedef struct checked_file checked_file;
 
 /* *out is NULL on failure. `coming`: the file may be the first bytes of one that is still to come
- * (slf_open_prefix), whose check ends with SLF_ERROR_PARTIAL. Closing waits for the check; it accepts
- * NULL. */
+ * (slf_open_prefix), whose check ends with SLF_ERROR_PARTIAL. Closing waits for the check; it
+ * accepts NULL. */
 slf_result checked_file_open(const char *path, bool coming, checked_file **out, slf_error *error);
 void checked_file_close(checked_file *c);
 

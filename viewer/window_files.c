@@ -130,8 +130,8 @@ bool window_add_file(const char *name) {
   return true;
 }
 
-/* A baked file replaces the old one in one go (rename), so a new time means a whole new file, or more of
- * one that is still coming. */
+/* A baked file replaces the old one in one go (rename), so a new time means a whole new file, or
+ * more of one that is still coming. */
 void window_watch_file(void) {
   struct timespec now = time_of(window.files[window.file_index]);
   if (now.tv_sec == 0 ||
