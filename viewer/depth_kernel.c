@@ -13,8 +13,8 @@
 #else
 #define KERNEL depth_kernel_plain
 #endif
-/* Weights are parts of this. */
-enum { WHOLE = 32767 };
+/* Places are in 1/128 texel; the weights of four texels are parts of this. */
+enum { SPLIT = 128, WHOLE = SPLIT * SPLIT };
 /* Of the tolerance: a guess this near is not looked at again. */
 #define MOVED_SHARE 0.5f
 #define INLINE static inline __attribute__((always_inline))
@@ -100,21 +100,38 @@ INLINE unsigned mask_bits(i8 mask) {
   return (unsigned)_mm256_movemask_ps((f8)mask);
 }
 
-INLINE i8 gather(const void *base, i8 offset_nbytes) {
-  return (i8)_mm256_i32gather_epi32(base, (__m256i)offset_nbytes, 1);
+INLINE i8 gather(const void *base, i8 index) {
+  return (i8)_mm256_i32gather_epi32(base, (__m256i)index, 4);
+}
+
+/* Two texels side by side, eight bytes, of each lane: of lanes 0 1 4 5 and of lanes 2 3 6 7. */
+INLINE void load_pairs(const uint8_t *bytes, const int32_t texel[LANES], __m256i *a, __m256i *b) {
+  __m128d halves[4];
+  for (int i = 0; i < 4; i++) {
+    const int l = 2 * (i & 1) + 4 * (i >> 1);
+    halves[i] = _mm_load_sd((const double *)(const void *)(bytes + 4 * (size_t)texel[l]));
+    halves[i] =
+        _mm_loadh_pd(halves[i], (const double *)(const void *)(bytes + 4 * (size_t)texel[l + 1]));
+  }
+  *a = _mm256_castpd_si256(_mm256_set_m128d(halves[2], halves[0]));
+  *b = _mm256_castpd_si256(_mm256_set_m128d(halves[3], halves[1]));
+}
+
+/* What they hold in even and in odd places, lane after lane. */
+INLINE i8 even(__m256i a, __m256i b) {
+  return (i8)_mm256_shuffle_ps(_mm256_castsi256_ps(a), _mm256_castsi256_ps(b), 0x88);
+}
+
+INLINE i8 odd(__m256i a, __m256i b) {
+  return (i8)_mm256_shuffle_ps(_mm256_castsi256_ps(a), _mm256_castsi256_ps(b), 0xdd);
 }
 
 /* The heights' codes of a texel and its right neighbour. */
-INLINE void gather_codes(const uint8_t *texels, i8 offset_nbytes, i8 *left, i8 *right) {
-  __m128i low = _mm256_castsi256_si128((__m256i)offset_nbytes);
-  __m128i high = _mm256_extracti128_si256((__m256i)offset_nbytes, 1);
-  const long long *base = (const long long *)(const void *)texels;
-  __m256 a = _mm256_castsi256_ps(_mm256_i32gather_epi64(base, low, 1));
-  __m256 b = _mm256_castsi256_ps(_mm256_i32gather_epi64(base, high, 1));
-  __m256i even = _mm256_castps_si256(_mm256_shuffle_ps(a, b, 0x88));
-  __m256i odd = _mm256_castps_si256(_mm256_shuffle_ps(a, b, 0xdd));
-  *left = (i8)_mm256_permute4x64_epi64(_mm256_srli_epi32(even, 24), 0xd8);
-  *right = (i8)_mm256_permute4x64_epi64(_mm256_srli_epi32(odd, 24), 0xd8);
+INLINE void load_codes(const uint8_t *bytes, const int32_t texel[LANES], i8 *left, i8 *right) {
+  __m256i a, b;
+  load_pairs(bytes, texel, &a, &b);
+  *left = (i8)_mm256_srli_epi32((__m256i)even(a, b), 24);
+  *right = (i8)_mm256_srli_epi32((__m256i)odd(a, b), 24);
 }
 #else
 INLINE f8 choose(i8 mask, f8 a, f8 b) {
@@ -145,20 +162,20 @@ INLINE unsigned mask_bits(i8 mask) {
   return bits;
 }
 
-INLINE i8 gather(const void *base, i8 offset_nbytes) {
+INLINE i8 gather(const void *base, i8 index) {
   i8 v;
   for (int l = 0; l < LANES; l++) {
     int32_t x;
-    memcpy(&x, (const uint8_t *)base + offset_nbytes[l], sizeof x);
+    memcpy(&x, (const uint8_t *)base + 4 * (ptrdiff_t)index[l], sizeof x);
     v[l] = x;
   }
   return v;
 }
 
-INLINE void gather_codes(const uint8_t *texels, i8 offset_nbytes, i8 *left, i8 *right) {
+INLINE void load_codes(const uint8_t *bytes, const int32_t texel[LANES], i8 *left, i8 *right) {
   for (int l = 0; l < LANES; l++) {
-    (*left)[l] = texels[offset_nbytes[l] + 3];
-    (*right)[l] = texels[offset_nbytes[l] + 7];
+    (*left)[l] = bytes[4 * (size_t)texel[l] + 3];
+    (*right)[l] = bytes[4 * (size_t)texel[l] + 7];
   }
 }
 #endif
@@ -179,61 +196,145 @@ INLINE f8 magnitude(f8 x) {
 /* ---- What a slice sees --------------------------------------------------------------------------
  */
 
+/* Eight rays, from texels of the light, less half a texel. */
+typedef struct {
+  f8 x, y, qx, qy;
+  f8 across[4], bend[4], turn[2]; /* of a curved surface: depth_frames.h */
+} bundle;
+
+/* A slice for each of them. */
+typedef struct {
+  f8 dx, dy; /* its slopes less the ray's */
+  f8 weight;
+  i8 texel; /* its first */
+} sight;
+
 /* What a slice shows at a place. */
 typedef struct {
-  i8 texel; /* where the four texels around begin, in the slice's bytes */
-  f8 fx, fy;
-  f8 seen; /* code of the height */
+  i8 texel;  /* the first of the four texels around */
+  i8 fx, fy; /* how far from it, of SPLIT */
   i8 inside;
 } reading;
 
-static __attribute__((noinline)) void load_pages(const depth_cell *cell, int k, i8 block) {
-  for (int l = 0; l < LANES; l++) {
-    const uint32_t at = (uint32_t)block[l];
-    /* The lane before may have brought it. */
-    if (!(cell->slices[k]->there[at / 32] >> at % 32 & 1))
-      depth_pages_load(cell->pages, cell->slices[k], at);
-  }
+static __attribute__((noinline)) void load_pages(depth_field *field, const int32_t texel[LANES],
+                                                 unsigned lanes) {
+  for (; lanes; lanes &= lanes - 1)
+    depth_pages_load(&field->pages, (uint32_t)texel[__builtin_ctz(lanes)]);
 }
 
-/* Where slice k shows texel (x, y) of the light. */
-INLINE reading find(const depth_cell *cell, int k, f8 x, f8 y) {
-  const depth_pages *p = cell->pages;
+/* Where the slice shows texel (x, y) of the light. */
+INLINE reading find(const depth_field *field, const sight *s, f8 x, f8 y) {
+  const depth_pages *p = &field->pages;
   reading r;
   if (p->wrap_u) {
     f8 round = all((float)p->u_count);
-    x = choose(x < all(0), x + round, choose(x >= round, x - round, x));
+    x = choose(x < all(-0.5f), x + round, choose(x >= round - 0.5f, x - round, x));
   }
-  f8 free_x = x - 0.5f, free_y = y - 0.5f;
-  x = smaller(larger(free_x, all(0)), all((float)(p->u_count - 1)));
-  y = smaller(larger(free_y, all(0)), all((float)(p->v_count - 1)));
-  r.inside = larger(magnitude(x - free_x), magnitude(y - free_y)) <= all(1);
-  i8 i = to_int(x), j = to_int(y);
-  r.fx = x - to_float(i), r.fy = y - to_float(j);
-  i8 block = (j >> 3) * (int32_t)p->block_u_count + (i >> 3);
-  i8 there = gather(cell->slices[k]->there, (block >> 5) << 2) << (31 - (block & 31));
-  if (__builtin_expect(mask_bits(there >= 0) != 0, 0)) load_pages(cell, k, block);
-  r.texel = block * PAGE_NBYTES + (j & 7) * PAGE_ROW_NBYTES + ((i & 7) << 2);
+  f8 held_x = smaller(larger(x, all(0)), all((float)(p->u_count - 1)));
+  f8 held_y = smaller(larger(y, all(0)), all((float)(p->v_count - 1)));
+  r.inside = larger(magnitude(held_x - x), magnitude(held_y - y)) <= all(1);
+  i8 i = to_int(held_x * (float)SPLIT), j = to_int(held_y * (float)SPLIT);
+  r.fx = i & (SPLIT - 1), r.fy = j & (SPLIT - 1);
+  /* 81 (block_u_count (j / 8) + i / 8) + 9 (j % 8) + i % 8, of whole texels */
+  r.texel = s->texel + (j >> 10) * (int32_t)(PAGE_TEXELS * p->block_u_count - 8 * PAGE_ROW_TEXELS) +
+            (i >> 10) * (PAGE_TEXELS - 8) + (j >> 7) * PAGE_ROW_TEXELS + (i >> 7);
   return r;
 }
 
-/* Slice k at texel (x, y) of the light. */
-INLINE reading look(const depth_cell *cell, int k, f8 x, f8 y) {
-  reading r = find(cell, k, x, y);
-  i8 a, b, c, d;
-  const uint8_t *bytes = cell->slices[k]->bytes;
-  gather_codes(bytes, r.texel, &a, &b);
-  gather_codes(bytes + PAGE_ROW_NBYTES, r.texel, &c, &d);
-  i8 range = higher(higher(a, b), higher(c, d)) - lower(lower(a, b), lower(c, d));
-  f8 fa = to_float(a), fb = to_float(b), fc = to_float(c), fd = to_float(d);
-  f8 top = fa + r.fx * (fb - fa), bottom = fc + r.fx * (fd - fc),
-     code = top + r.fy * (bottom - top);
-  i8 right = r.fx > all(0.5f), below = r.fy > all(0.5f);
-  /* Between a thing and what is behind it there is nothing. */
-  f8 nearest = choose(below, choose(right, fd, fc), choose(right, fb, fa));
-  r.seen = choose(range > EDGE_CODES, nearest, code);
-  return r;
+/* The weights of the upper two texels and of the lower two, two in one number. */
+INLINE void weights_of(const reading *r, i8 *upper, i8 *lower_two) {
+  i8 across = (r->fx << 16) - r->fx + SPLIT;
+  *lower_two = across * r->fy;
+  *upper = across * SPLIT - *lower_two;
 }
+
+/* The code of the height that is seen there. */
+INLINE f8 look(depth_field *field, const reading *r) {
+  int32_t texel[LANES];
+  i8 a, b, c, d;
+  const uint8_t *bytes = field->pages.bytes;
+  memcpy(texel, &r->texel, sizeof texel);
+  load_codes(bytes, texel, &a, &b);
+  if (__builtin_expect(mask_bits(a == 0) != 0, 0)) {
+    load_pages(field, texel, (1u << LANES) - 1);
+    load_codes(bytes, texel, &a, &b);
+  }
+  load_codes(bytes + 4 * PAGE_ROW_TEXELS, texel, &c, &d);
+  i8 range = higher(higher(a, b), higher(c, d)) - lower(lower(a, b), lower(c, d));
+  i8 top = a * SPLIT + r->fx * (b - a), bottom = c * SPLIT + r->fx * (d - c);
+  f8 code = to_float(top * SPLIT + r->fy * (bottom - top)) * (1.0f / WHOLE);
+  i8 right = r->fx > SPLIT / 2, below = r->fy > SPLIT / 2;
+  /* Between a thing and what is behind it there is nothing. */
+  i8 upper = (b & right) | (a & ~right), lower_two = (d & right) | (c & ~right);
+  f8 nearest = to_float((lower_two & below) | (upper & ~below));
+  return choose(range > EDGE_CODES, nearest, code);
+}
+
+#if defined(__AVX2__)
+/* Sums over the four texels of each lane, R G B H: of the squares of colours, halved, and of
+ * heights' codes, times 64. */
+INLINE void weigh(const uint8_t *bytes, const int32_t texel[LANES], i8 upper, i8 lower_two,
+                  i8 sums[4]) {
+  const __m256i red_green = _mm256_broadcastsi128_si256(
+      _mm_setr_epi8(0, -1, 4, -1, 1, -1, 5, -1, 8, -1, 12, -1, 9, -1, 13, -1));
+  const __m256i blue_height = _mm256_broadcastsi128_si256(
+      _mm_setr_epi8(2, -1, 6, -1, 3, -1, 7, -1, 10, -1, 14, -1, 11, -1, 15, -1));
+  __m256i rg[2], bh[2];
+  for (int row = 0; row < 2; row++) {
+    __m256i pairs[2], weights = row ? (__m256i)lower_two : (__m256i)upper;
+    load_pairs(bytes + row * 4 * PAGE_ROW_TEXELS, texel, &pairs[0], &pairs[1]);
+    for (int half = 0; half < 2; half++) {
+      __m256i w =
+          half ? _mm256_unpackhi_epi32(weights, weights) : _mm256_unpacklo_epi32(weights, weights);
+      __m256i c = _mm256_shuffle_epi8(pairs[half], red_green);
+      __m256i h = _mm256_shuffle_epi8(pairs[half], blue_height);
+      c = _mm256_srli_epi16(_mm256_mullo_epi16(c, c), 1);
+      h = _mm256_srli_epi16(
+          _mm256_mullo_epi16(h, _mm256_blend_epi16(h, _mm256_set1_epi16(128), 0xcc)), 1);
+      c = _mm256_madd_epi16(c, w), h = _mm256_madd_epi16(h, w);
+      rg[half] = row ? _mm256_add_epi32(rg[half], c) : c;
+      bh[half] = row ? _mm256_add_epi32(bh[half], h) : h;
+    }
+  }
+  sums[0] = even(rg[0], rg[1]), sums[1] = odd(rg[0], rg[1]);
+  sums[2] = even(bh[0], bh[1]), sums[3] = odd(bh[0], bh[1]);
+}
+
+/* R G B and 1 side by side, of each lane. */
+INLINE void spread(const f8 rgb[3], float rgba[LANES][4]) {
+  __m256 rb_low = _mm256_unpacklo_ps(rgb[0], rgb[2]), rb_high = _mm256_unpackhi_ps(rgb[0], rgb[2]);
+  __m256 ga_low = _mm256_unpacklo_ps(rgb[1], all(1)), ga_high = _mm256_unpackhi_ps(rgb[1], all(1));
+  __m256 lanes[4] = {_mm256_unpacklo_ps(rb_low, ga_low), _mm256_unpackhi_ps(rb_low, ga_low),
+                     _mm256_unpacklo_ps(rb_high, ga_high), _mm256_unpackhi_ps(rb_high, ga_high)};
+  for (int l = 0; l < 4; l++) {
+    _mm_storeu_ps(rgba[l], _mm256_castps256_ps128(lanes[l]));
+    _mm_storeu_ps(rgba[l + 4], _mm256_extractf128_ps(lanes[l], 1));
+  }
+}
+#else
+INLINE void weigh(const uint8_t *bytes, const int32_t texel[LANES], i8 upper, i8 lower_two,
+                  i8 sums[4]) {
+  for (int l = 0; l < LANES; l++)
+    for (int c = 0; c < 4; c++) {
+      sums[c][l] = 0;
+      for (int row = 0; row < 2; row++) {
+        const uint8_t *left = bytes + 4 * ((size_t)texel[l] + (size_t)(row * PAGE_ROW_TEXELS)) + c;
+        int32_t weights = row ? lower_two[l] : upper[l];
+        int32_t a = c < 3 ? left[0] * left[0] >> 1 : left[0] * 64;
+        int32_t b = c < 3 ? left[4] * left[4] >> 1 : left[4] * 64;
+        sums[c][l] += a * (weights & 0xffff) + b * (weights >> 16);
+      }
+    }
+}
+
+INLINE void spread(const f8 rgb[3], float rgba[LANES][4]) {
+  for (int l = 0; l < LANES; l++)
+    rgba[l][0] = rgb[0][l], rgba[l][1] = rgb[1][l], rgba[l][2] = rgb[2][l], rgba[l][3] = 1;
+}
+#endif
+/* Of sums over colours, and of their means; of sums over heights. */
+#define LIGHT_UNIT (2.0f / PAGE_WHITE / WHOLE)
+#define CODE_UNIT (1.0f / 64 / WHOLE)
 
 /* ---- Eight rays --------------------------------------------------------------------------------
  */
@@ -241,101 +342,107 @@ INLINE reading look(const depth_cell *cell, int k, f8 x, f8 y) {
 /* A hair inside the circle, as in resample.c, but n must stay well above 0 for slopes. */
 #define RIM 0.9997f
 
-static void place(const depth_geometry *geometry, uint32_t block_u, uint32_t block_v,
+static void place(const depth_field *field, uint32_t block_u, uint32_t block_v,
                   const block_directions *directions, depth_rays *rays) {
-  const depth_geometry g = *geometry;
-  const i8 columns = {0, 1, 2, 3, 4, 5, 6, 7};
-  const float s_last = (float)(g.s_count - 1), t_last = (float)(g.t_count - 1);
-  const f8 i_last = all(g.s_count > 1 ? s_last - 1 : 0),
-           j_last = all(g.t_count > 1 ? t_last - 1 : 0);
+  const float s_count = (float)field->pages.s_count, t_count = (float)field->pages.t_count;
+  const float *scale = field->scale;
+  const f8 i_last = all(s_count > 1 ? s_count - 2 : 0), j_last = all(t_count > 1 ? t_count - 2 : 0);
+  rays->x = ((float)(8 * block_u) + 0.5f) * field->texel_u - 0.5f;
+  rays->y = ((float)(8 * block_v) + 0.5f) * field->texel_v - 0.5f;
   for (int row = 0; row < 64; row += LANES) {
     f8 s = 2.0f * load(directions->s + row) - 1.0f, t = 2.0f * load(directions->t + row) - 1.0f;
     s = choose(magnitude(s) < all(1e9f), s, all(0)); /* NaN too */
     t = choose(magnitude(t) < all(1e9f), t, all(0));
-    f8 radius_2 = s * s + t * t, pull = choose(radius_2 > RIM * RIM, RIM / root(radius_2), all(1));
-    s *= pull, t *= pull;
-    f8 n = root(1.0f - s * s - t * t);
-    store(rays->x + row, (to_float(columns + (int32_t)(8 * block_u)) + 0.5f) * g.texel_u);
-    store(rays->y + row, all(((float)(8 * block_v + (uint32_t)row / 8) + 0.5f) * g.texel_v));
-    store(rays->qx + row, (g.scale[0] * s + g.scale[1] * t) / n);
-    store(rays->qy + row, (g.scale[2] * s + g.scale[3] * t) / n);
-    f8 i = 0.5f * (s + 1.0f) * (float)g.s_count - 0.5f;
-    f8 j = 0.5f * (t + 1.0f) * (float)g.t_count - 0.5f;
-    i = smaller(larger(i, all(0)), all(s_last)), j = smaller(larger(j, all(0)), all(t_last));
-    store(rays->i + row, i), store(rays->j + row, j);
-    i8 cell = to_int(smaller(i, i_last)) * (int32_t)g.t_count + to_int(smaller(j, j_last));
+    f8 radius_2 = s * s + t * t;
+    i8 beyond = radius_2 > all(RIM * RIM);
+    if (mask_bits(beyond)) {
+      f8 pull = choose(beyond, RIM / root(radius_2), all(1));
+      s *= pull, t *= pull;
+    }
+    f8 slope = 1.0f / root(1.0f - s * s - t * t);
+    store(rays->qx + row, (scale[0] * s + scale[1] * t) * slope);
+    store(rays->qy + row, (scale[2] * s + scale[3] * t) * slope);
+    f8 i = (0.5f * s_count) * s + (0.5f * s_count - 0.5f);
+    f8 j = (0.5f * t_count) * t + (0.5f * t_count - 0.5f);
+    i = smaller(larger(i, all(0)), all(s_count - 1));
+    j = smaller(larger(j, all(0)), all(t_count - 1));
+    i8 i0 = to_int(smaller(i, i_last)), j0 = to_int(smaller(j, j_last));
+    i8 cell = i0 * (int32_t)(field->pages.t_count + 1) + j0;
     memcpy(rays->cell + row, &cell, sizeof cell);
+    store(rays->f + row, i - to_float(i0)), store(rays->g + row, j - to_float(j0));
     store(rays->code + row, all(-1)), store(rays->score + row, all(0));
   }
 }
 
-static uint64_t find_cell(const depth_rays *rays, int32_t cell) {
-  uint64_t found = 0;
-  for (int row = 0; row < 64; row += LANES) {
-    i8 cells;
-    memcpy(&cells, rays->cell + row, sizeof cells);
-    found |= (uint64_t)mask_bits(cells == cell) << row;
-  }
-  return found;
+INLINE f8 pick(const float *of_texel, const uint8_t texels[LANES]) {
+  f8 v;
+  for (int l = 0; l < LANES; l++) v[l] = of_texel[texels[l]];
+  return v;
 }
 
-/* Eight rays of a cell. */
-typedef struct {
-  f8 x, y;
-  f8 dx[4], dy[4]; /* q_k - q */
-  f8 weight[4];
-  f8 across[4], bend[4], turn[2]; /* of a curved surface: depth_frames.h */
-} bundle;
-
-/* What the slices say of a height in each lane. */
-typedef struct {
-  f8 code;
-  f8 score;  /* weight of those that see a thing there, less that of those that look through it */
-  f8 agreed; /* weight of the former */
-  f8 weight[4];
-  reading at[4];
-} verdict;
-
-INLINE f8 pick(const float *of_texel, const uint8_t *texels, int count) {
-  float v[LANES];
-  for (int l = 0; l < LANES; l++) v[l] = of_texel[texels[l < count ? l : 0]];
-  return load(v);
-}
-
-static void pick_frames(const depth_cell *cell, bundle *b) {
+static void pick_frames(const depth_field *field, bundle *b) {
   enum { COUNT = sizeof(depth_frame) / sizeof(float) };
-  const depth_pages *p = cell->pages;
+  const depth_pages *p = &field->pages;
   float numbers[COUNT][LANES];
+  f8 x = smaller(b->x + 0.5f, all((float)(p->u_count - 1)));
+  f8 y = smaller(b->y + 0.5f, all((float)(p->v_count - 1)));
   for (int l = 0; l < LANES; l++) {
     float of_one[COUNT];
-    memcpy(of_one, &cell->frames[(size_t)b->y[l] * p->u_count + (size_t)b->x[l]], sizeof of_one);
+    memcpy(of_one, &field->frames[(size_t)y[l] * p->u_count + (size_t)x[l]], sizeof of_one);
     for (int i = 0; i < COUNT; i++) numbers[i][l] = of_one[i];
   }
   for (int i = 0; i < 4; i++) b->across[i] = load(numbers[i]), b->bend[i] = load(numbers[4 + i]);
   for (int i = 0; i < 2; i++) b->turn[i] = load(numbers[8 + i]);
 }
 
-INLINE void make_bundle(const depth_cell *cell, const depth_rays *rays, const uint8_t *texels,
-                        int count, bundle *b) {
-  f8 qx, qy, f, g;
-  if (count == LANES && texels[0] % 8 == 0 && texels[7] == texels[0] + 7) { /* a row */
-    int row = texels[0];
-    b->x = load(rays->x + row), b->y = load(rays->y + row);
-    qx = load(rays->qx + row), qy = load(rays->qy + row);
-    f = load(rays->i + row), g = load(rays->j + row);
-  } else {
-    b->x = pick(rays->x, texels, count), b->y = pick(rays->y, texels, count);
-    qx = pick(rays->qx, texels, count), qy = pick(rays->qy, texels, count);
-    f = pick(rays->i, texels, count), g = pick(rays->j, texels, count);
-  }
-  if (cell->frames) pick_frames(cell, b);
-  f -= (float)cell->i0, g -= (float)cell->j0;
+INLINE i8 slice_of(const depth_field *field, i8 cell, int corner) {
+  return cell + (corner & 1 ? (int32_t)(field->pages.t_count + 1) : 0) + (corner >> 1);
+}
+
+/* Another slice of the cell stands in for those that do not exist, and counts for nothing. */
+static __attribute__((noinline)) void stand_in(const depth_field *field, const i8 *cell, sight *s,
+                                               int count) {
+  i8 any = *cell;
   for (int k = 0; k < 4; k++) {
-    f8 along_s = k & 1 ? f : 1.0f - f, along_t = k & 2 ? g : 1.0f - g;
-    b->weight[k] = cell->exists[k] * (along_s * along_t + LEAST_WEIGHT);
-    b->dx[k] = cell->qx[k] - qx;
-    b->dy[k] = cell->qy[k] - qy;
+    i8 number = slice_of(field, *cell, k);
+    f8 slope = (f8)gather(field->slopes, number * 2);
+    i8 exists = slope == slope;
+    any = (number & exists) | (any & ~exists);
   }
+  for (int k = 0; k < count; k++) {
+    i8 exists = s[k].dx == s[k].dx;
+    s[k].texel = (s[k].texel & exists) | (any * (int32_t)field->pages.slice_texels & ~exists);
+    s[k].weight = choose(exists, s[k].weight, all(0));
+    s[k].dx = choose(exists, s[k].dx, all(0));
+    s[k].dy = choose(exists, s[k].dy, all(0));
+  }
+}
+
+/* Slices of those numbers, one for each ray. */
+INLINE sight sight_of(const depth_field *field, const bundle *b, i8 number, f8 weight) {
+  return (sight){.dx = (f8)gather(field->slopes, number * 2) - b->qx,
+                 .dy = (f8)gather(field->slopes, number * 2 + 1) - b->qy,
+                 .weight = weight,
+                 .texel = number * (int32_t)field->pages.slice_texels};
+}
+
+/* The four slices around the rays of eight texels. */
+static void look_around(const depth_field *field, const depth_rays *rays,
+                        const uint8_t texels[LANES], bundle *b, sight s[4]) {
+  i8 k = load_c8(texels), cell;
+  b->x = rays->x + field->texel_u * to_float(k & 7);
+  b->y = rays->y + field->texel_v * to_float(k >> 3);
+  b->qx = pick(rays->qx, texels), b->qy = pick(rays->qy, texels);
+  f8 f = pick(rays->f, texels), g = pick(rays->g, texels);
+  for (int l = 0; l < LANES; l++) cell[l] = rays->cell[texels[l]];
+  if (field->frames) pick_frames(field, b);
+  i8 missing = all_int(0);
+  for (int c = 0; c < 4; c++) {
+    f8 along_s = c & 1 ? f : 1.0f - f, along_t = c & 2 ? g : 1.0f - g;
+    s[c] = sight_of(field, b, slice_of(field, cell, c), along_s * along_t + LEAST_WEIGHT);
+    missing |= s[c].dx != s[c].dx;
+  }
+  if (mask_bits(missing)) stand_in(field, &cell, s, 4);
 }
 
 /* In codes, of the tolerance in heights (depth_kernel.h). */
@@ -344,22 +451,27 @@ INLINE f8 tolerance(f8 code) {
   return left * (256 * TOLERANCE_UNITS * left + TOLERANCE_SHARE * code);
 }
 
-INLINE f8 height_of(const depth_cell *cell, f8 code) {
-  return cell->unit * code / (256.0f - code);
+/* 1 for the same height, 0 beyond twice the tolerance. */
+INLINE f8 agreement(f8 off) {
+  f8 a = larger(1.0f - 0.25f * off * off, all(0));
+  return a * a;
 }
 
-/* Where slice k sees what the ray meets at a height, and how high that is over the surface there.
+INLINE f8 height_of(const depth_field *field, f8 code) {
+  return field->unit * code / (256.0f - code);
+}
+
+/* Where a slice sees what the ray meets at a height, and the code that it should see there.
  * Curved, by depth_frames.h: at texel e away the slice's ray leaves along -q + turn . e (q_v, -q_u)
  * + bend e in the tangent plane and rises by 1 + q . bend e; to first order in e it meets the point
  * if (across + h (bend + (q_v, -q_u) turn + q (q . bend))) e = h (q_k - q). */
-INLINE f8 see_from(const depth_cell *cell, const bundle *b, int k, f8 h, f8 *x, f8 *y) {
-  f8 right_u = h * b->dx[k], right_v = h * b->dy[k];
-  if (!cell->frames) {
-    *x = b->x + right_u, *y = b->y + right_v;
-    return h;
-  }
+INLINE reading see_from(const depth_field *field, const bundle *b, const sight *s, f8 h, f8 code,
+                        f8 *expected) {
+  f8 right_u = h * s->dx, right_v = h * s->dy;
+  *expected = code;
+  if (!field->frames) return find(field, s, b->x + right_u, b->y + right_v);
   const f8 *p = b->across, *n = b->bend, *w = b->turn;
-  float q_u = cell->qx[k], q_v = cell->qy[k];
+  f8 q_u = b->qx + s->dx, q_v = b->qy + s->dy;
   f8 rise_u = q_u * n[0] + q_v * n[2], rise_v = q_u * n[1] + q_v * n[3];
   f8 uu = p[0] + h * (n[0] + q_v * w[0] + q_u * rise_u),
      uv = p[1] + h * (n[1] + q_v * w[1] + q_u * rise_v);
@@ -369,34 +481,54 @@ INLINE f8 see_from(const depth_cell *cell, const bundle *b, int k, f8 h, f8 *x, 
   f8 e_u = (right_u * vv - right_v * uv) * scale, e_v = (uu * right_v - vu * right_u) * scale;
   f8 drop = (n[0] * e_u + n[1] * e_v) * (p[0] * e_u + p[1] * e_v) +
             (n[2] * e_u + n[3] * e_v) * (p[2] * e_u + p[3] * e_v);
-  *x = b->x + e_u, *y = b->y + e_v;
-  return (h + 0.5f * drop) / (1.0f + rise_u * e_u + rise_v * e_v);
+  f8 there = (h + 0.5f * drop) / (1.0f + rise_u * e_u + rise_v * e_v);
+  *expected = 256.0f * there / (field->unit + there);
+  return find(field, s, b->x + e_u, b->y + e_v);
 }
 
-/* What slice k sees there, and the code that it should. */
-INLINE reading look_from(const depth_cell *cell, const bundle *b, int k, f8 code, f8 *expected) {
-  f8 x, y, height = height_of(cell, code);
-  f8 there = see_from(cell, b, k, height, &x, &y);
-  *expected = code;
-  if (cell->frames) *expected = 256.0f * there / (cell->unit + there);
-  return look(cell, k, x, y);
+/* What a slice sees there, less what it should. */
+INLINE f8 look_from(depth_field *field, const bundle *b, const sight *s, f8 code, reading *at) {
+  f8 expected;
+  *at = see_from(field, b, s, height_of(field, code), code, &expected);
+  return look(field, at) - expected;
 }
 
-static void judge(const depth_cell *cell, const bundle *b, const f8 *code, verdict *v) {
-  f8 scale = 1.0f / tolerance(*code), expected;
-  f8 score = all(0), agreed = all(0);
-  v->code = *code;
+/* What a slice says of a height: the weight with which it sees a thing there, and the score, less
+ * than 0 where it looks through it. */
+INLINE f8 witness(const sight *s, f8 off, f8 scale, i8 inside, f8 *score) {
+  f8 weight = choose(inside, s->weight, all(0)), agreeing = weight * agreement(off * scale);
+  *score = choose(off * scale > all(2), -weight, agreeing);
+  return agreeing;
+}
+
+/* What the four slices around say of a height in each lane. */
+typedef struct {
+  f8 code;
+  f8 score;  /* weight of those that see a thing there, less that of those that look through it */
+  f8 agreed; /* weight of the former */
+  f8 moved;  /* mean by which they see it higher: the slices' directions lie around the ray's, so
+                that it leads to what they see, right to first order wherever along the ray they
+                look */
+  f8 weight[4];
+  reading at[4];
+} verdict;
+
+static void judge(depth_field *field, const bundle *b, const sight s[4], const f8 *code,
+                  verdict *v) {
+  f8 scale = 1.0f / tolerance(*code), score, near = all(1e-6f);
+  v->code = *code, v->score = all(0), v->agreed = all(0), v->moved = all(0);
   for (int k = 0; k < 4; k++) {
-    v->at[k] = look_from(cell, b, k, *code, &expected);
-    f8 off = (v->at[k].seen - expected) * scale,
-       agreement = larger(1.0f - 0.25f * off * off, all(0));
-    f8 weight = choose(v->at[k].inside, b->weight[k], all(0));
-    f8 agreeing = weight * (agreement * agreement);
-    v->weight[k] = agreeing;
-    agreed += agreeing;
-    score += choose(off > 2.0f, -weight, agreeing);
+    f8 off = look_from(field, b, &s[k], *code, &v->at[k]);
+    v->weight[k] = witness(&s[k], off, scale, v->at[k].inside, &score);
+    v->agreed += v->weight[k], v->score += score;
+    f8 weight = choose((magnitude(off * scale) < all(4)) & v->at[k].inside, s[k].weight, all(0));
+    v->moved += weight * off, near += weight;
   }
-  v->score = score, v->agreed = agreed;
+  v->moved /= near;
+}
+
+INLINE i8 choose_int(i8 mask, i8 a, i8 b) {
+  return (a & mask) | (b & ~mask);
 }
 
 /* Takes b's lanes of the mask over into a. */
@@ -404,178 +536,137 @@ static void take(verdict *a, const verdict *b, const i8 *mask) {
   a->code = choose(*mask, b->code, a->code);
   a->agreed = choose(*mask, b->agreed, a->agreed);
   a->score = choose(*mask, b->score, a->score);
+  a->moved = choose(*mask, b->moved, a->moved);
   for (int k = 0; k < 4; k++) {
     a->weight[k] = choose(*mask, b->weight[k], a->weight[k]);
-    a->at[k].fx = choose(*mask, b->at[k].fx, a->at[k].fx);
-    a->at[k].fy = choose(*mask, b->at[k].fy, a->at[k].fy);
-    a->at[k].texel = (i8)choose(*mask, (f8)b->at[k].texel, (f8)a->at[k].texel);
+    a->at[k].fx = choose_int(*mask, b->at[k].fx, a->at[k].fx);
+    a->at[k].fy = choose_int(*mask, b->at[k].fy, a->at[k].fy);
+    a->at[k].texel = choose_int(*mask, b->at[k].texel, a->at[k].texel);
   }
 }
 
 /* ---- Mixing ------------------------------------------------------------------------------------
  */
 
-#if defined(__AVX2__)
-/* Channels of neighbouring texels side by side, the upper row's before the lower's, squared, times
- * their weights. */
-INLINE __m256i weigh(const uint8_t *texels, int32_t upper, int32_t lower_two) {
-  const __m256i pairs = _mm256_broadcastsi128_si256(
-      _mm_setr_epi8(0, -1, 4, -1, 1, -1, 5, -1, 2, -1, 6, -1, 3, -1, 7, -1));
-  __m128i top = _mm_loadl_epi64((const __m128i *)(const void *)texels);
-  __m128i bottom = _mm_loadl_epi64((const __m128i *)(const void *)(texels + PAGE_ROW_NBYTES));
-  __m256i both = _mm256_shuffle_epi8(_mm256_set_m128i(bottom, top), pairs);
-  __m256i weights =
-      _mm256_blend_epi32(_mm256_set1_epi32(upper), _mm256_set1_epi32(lower_two), 0xf0);
-  both = _mm256_srli_epi16(_mm256_mullo_epi16(both, both), 1);
-  return _mm256_madd_epi16(both, weights);
-}
-
-/* One lane of mix's arrays, LANES numbers a slice. */
-INLINE void mix_lane(const depth_cell *cell, const int32_t *texel, const int32_t *upper,
-                     const int32_t *lower_two, float rgba[4]) {
-  __m256i sum = _mm256_setzero_si256();
-  for (int k = 0; k < 4; k++)
-    sum = _mm256_add_epi32(sum, weigh(cell->slices[k]->bytes + texel[LANES * k], upper[LANES * k],
-                                      lower_two[LANES * k]));
-  __m128i rows = _mm_add_epi32(_mm256_castsi256_si128(sum), _mm256_extracti128_si256(sum, 1));
-  __m128 light = _mm_mul_ps(_mm_cvtepi32_ps(rows), _mm_set1_ps(2.0f / PAGE_WHITE / WHOLE));
-  _mm_storeu_ps(rgba, _mm_blend_ps(light, _mm_set1_ps(1), 8));
-}
-#else
-INLINE void mix_lane(const depth_cell *cell, const int32_t *texel, const int32_t *upper,
-                     const int32_t *lower_two, float rgba[4]) {
-  int32_t sum[3] = {0, 0, 0};
-  for (int k = 0; k < 4 * LANES; k += LANES)
-    for (int row = 0; row < 2; row++) {
-      const uint8_t *left = cell->slices[k / LANES]->bytes + texel[k] + row * PAGE_ROW_NBYTES,
-                    *right = left + 4;
-      int32_t weights = row ? lower_two[k] : upper[k];
-      int32_t w_left = weights & 0xffff, w_right = weights >> 16;
-      for (int c = 0; c < 3; c++)
-        sum[c] += (left[c] * left[c] >> 1) * w_left + (right[c] * right[c] >> 1) * w_right;
-    }
-  for (int c = 0; c < 3; c++) rgba[c] = (float)sum[c] * (2.0f / PAGE_WHITE / WHOLE);
-  rgba[3] = 1;
-}
-#endif
-
-/* The slices' mean where they see the verdict's height, of the lanes in the mask. */
-INLINE void mix(const depth_cell *cell, const verdict *v, const uint8_t *of, unsigned mask,
-                depth_rays *rays) {
-  /* For each slice: where each lane's texels are, and the weights of the upper two and of the lower
-   * two. */
-  int32_t texel[4][LANES], upper[4][LANES], lower_two[4][LANES];
-  f8 white = (float)WHOLE / larger(v->agreed, all(1e-6f));
-  for (int k = 0; k < 4; k++) {
-    f8 w = v->weight[k] * white, w_bottom = w * v->at[k].fy, w_top = w - w_bottom;
-    f8 bottom_right = w_bottom * v->at[k].fx, top_right = w_top * v->at[k].fx;
-    i8 a = to_int(w_top - top_right + 0.5f), b = to_int(top_right + 0.5f);
-    i8 c = to_int(w_bottom - bottom_right + 0.5f), d = to_int(bottom_right + 0.5f);
-    i8 above = a | b << 16, below = c | d << 16;
-    memcpy(upper[k], &above, sizeof above);
-    memcpy(lower_two[k], &below, sizeof below);
-    memcpy(texel[k], &v->at[k].texel, sizeof v->at[k].texel);
+/* weigh, of pages that are brought in where lanes miss them. */
+INLINE void weigh_there(depth_field *field, const int32_t texel[LANES], i8 upper, i8 lower_two,
+                        unsigned lanes, i8 sums[4]) {
+  weigh(field->pages.bytes, texel, upper, lower_two, sums);
+  const unsigned missing = mask_bits(sums[3] == 0) & lanes;
+  if (__builtin_expect(missing != 0, 0)) {
+    load_pages(field, texel, missing);
+    weigh(field->pages.bytes, texel, upper, lower_two, sums);
   }
-  for (int l = 0; l < LANES; l++)
-    if (mask >> l & 1)
-      mix_lane(cell, texel[0] + l, upper[0] + l, lower_two[0] + l, rays->rgba[of[l]]);
 }
 
-/* Mixes the lanes of the mask; returns which. */
-static unsigned write(const depth_cell *cell, depth_rays *rays, const depth_guess *guess,
+/* Adds what is read, by weight. */
+INLINE void add_light(depth_field *field, const reading *at, f8 weight, f8 rgb[3]) {
+  int32_t texel[LANES];
+  i8 upper, lower_two, sums[4];
+  memcpy(texel, &at->texel, sizeof texel);
+  weights_of(at, &upper, &lower_two);
+  weigh_there(field, texel, upper, lower_two, (1u << LANES) - 1, sums);
+  for (int c = 0; c < 3; c++) rgb[c] += weight * to_float(sums[c]);
+}
+
+/* Mixes the lanes of the mask, the first one of each texel; returns their texels. */
+static uint64_t write(depth_field *field, depth_rays *rays, const depth_guess *guess,
                       const verdict *v, unsigned mask) {
-  float codes[LANES], scores[LANES];
-  store(codes, v->code), store(scores, v->score);
+  float codes[LANES], scores[LANES], rgba[LANES][4];
+  f8 rgb[3] = {all(0), all(0), all(0)}, light = LIGHT_UNIT / larger(v->agreed, all(1e-6f));
+  uint64_t mixed = 0;
   mask &= (1u << guess->count) - 1;
-  for (int l = 0; l < guess->count; l++)
-    if (mask >> l & 1)
-      rays->code[guess->texels[l]] = codes[l], rays->score[guess->texels[l]] = scores[l];
-  if (mask) mix(cell, v, guess->texels, mask, rays);
-  return mask;
-}
-
-/* ---- Finding heights ---------------------------------------------------------------------------
- */
-
-/* From a guess to the height on which the ray and what slice k sees meet, by a secant; what is seen
- * there where there is an edge. Settled lanes are there already. */
-static f8 meet(const depth_cell *cell, const bundle *b, int k, f8 guess) {
-  f8 expected, seen = look_from(cell, b, k, guess, &expected).seen, off = seen - expected;
-  i8 settled = magnitude(off) < 0.2f * tolerance(guess);
-  if (!mask_bits(~settled)) return guess;
-  f8 next = smaller(larger(guess + off, all(0)), all(255)), step = next - guess;
-  seen = look_from(cell, b, k, next, &expected).seen;
-  f8 next_off = seen - expected, fall = off - next_off;
-  i8 steady = (magnitude(fall) > 0.25f * magnitude(step)) & (magnitude(next_off) < all(EDGE_CODES));
-  f8 code = choose(steady, guess + off * step / choose(steady, fall, all(1)), next + next_off);
-  code = smaller(larger(code, all(0)), all(255));
-  return choose(settled, guess, code);
-}
-
-static unsigned mix_bundle(const depth_cell *cell, depth_rays *rays, const depth_guess *guess_of) {
-  const f8 guess = load(guess_of->codes), wanted = load(guess_of->wanted);
-  bundle b;
-  verdict v;
-  make_bundle(cell, rays, guess_of->texels, guess_of->count, &b);
-  /* The heaviest slice looks most nearly along the ray. */
-  int first = 0;
-  for (int k = 1; k < 4; k++)
-    if (b.weight[k][0] + b.weight[k][7] > b.weight[first][0] + b.weight[first][7]) first = k;
-  f8 code = meet(cell, &b, first, guess);
-  /* It may see something else than the ray does. */
-  code = choose(magnitude(code - guess) < 4.0f * tolerance(guess), code, guess);
-  judge(cell, &b, &code, &v);
-  i8 good = v.score > wanted;
-  if (mask_bits(~good & (code != guess))) {
-    verdict unmoved;
-    judge(cell, &b, &guess, &unmoved);
-    i8 better = ~good & (unmoved.score > v.score);
-    take(&v, &unmoved, &better);
-    good = v.score > wanted;
+  if (!mask) return 0;
+  for (int k = 0; k < 4; k++) add_light(field, &v->at[k], v->weight[k], rgb);
+  for (int c = 0; c < 3; c++) rgb[c] *= light;
+  spread(rgb, rgba);
+  store(codes, v->code), store(scores, v->score);
+  for (; mask; mask &= mask - 1) {
+    int l = __builtin_ctz(mask);
+    uint8_t k = guess->texels[l];
+    if (mixed >> k & 1) continue;
+    mixed |= 1ull << k;
+    rays->code[k] = codes[l], rays->score[k] = scores[l];
+    memcpy(rays->rgba[k], rgba[l], sizeof rgba[l]);
   }
+  return mixed;
+}
+
+static uint64_t mix(depth_field *field, depth_rays *rays, const depth_guess *guess) {
+  enum { PASSES = 2 };
+  const f8 wanted = load(guess->wanted);
+  bundle b;
+  sight s[4];
+  verdict v;
+  f8 code = load(guess->codes);
+  look_around(field, rays, guess->texels, &b, s);
+  judge(field, &b, s, &code, &v);
+  for (int pass = 1; pass < PASSES; pass++) {
+    i8 moves = (magnitude(v.moved) > MOVED_SHARE * tolerance(v.code));
+    if (!mask_bits(moves)) break;
+    verdict next;
+    code = smaller(larger(v.code + v.moved, all(0)), all(255));
+    judge(field, &b, s, &code, &next);
+    i8 better = moves & (next.score > v.score);
+    take(&v, &next, &better);
+  }
+  i8 good = v.score > wanted;
   v.score = larger(v.score, wanted + SCORE_SLACK);
-  return write(cell, rays, guess_of, &v, mask_bits(good));
+  return write(field, rays, guess, &v, mask_bits(good));
+}
+
+/* The paper's mix, at the texels themselves. */
+static void mix_four_tap(depth_field *field, depth_rays *rays, const depth_guess *guess) {
+  bundle b;
+  sight s[4];
+  verdict v = {.code = all(0), .score = all(0), .agreed = all(0)};
+  look_around(field, rays, guess->texels, &b, s);
+  for (int k = 0; k < 4; k++) {
+    v.at[k] = find(field, &s[k], b.x, b.y);
+    v.weight[k] = s[k].weight;
+    v.agreed += v.weight[k];
+  }
+  write(field, rays, guess, &v, (1u << LANES) - 1);
 }
 
 /* ---- Without a guess ---------------------------------------------------------------------------
  */
 
-/* Where the ray and what slice k sees meet: along the ray the point at height h is seen at p + h d.
+/* Where the ray and what a slice sees meet: along the ray the point at height h is seen at p + h d.
  * As long as the slice sees something higher there, the point is in the open; where it sees
  * something lower, the point is behind that. From the open to behind in a step without an edge is a
  * hit. Codes, below 0 for none. */
-static f8 follow(const depth_cell *cell, const bundle *b, int k) {
-  f8 d = larger(larger(magnitude(b->dx[k]), magnitude(b->dy[k])), all(1e-3f));
+static f8 follow(depth_field *field, const bundle *b, const sight *s) {
+  f8 d = larger(larger(magnitude(s->dx), magnitude(s->dy)), all(1e-3f));
   f8 step = (float)STEP_TEXELS / d, h = all(0), met = all(-1), last_open = all(1),
      last_code = all(0);
-  i8 going =
-      ((float)MAX_STEPS * step >= LEAST_REACH * cell->unit) & (b->weight[k] >= LEAST_WITNESS);
+  i8 going = ((float)MAX_STEPS * step >= LEAST_REACH * field->unit) & (s->weight >= LEAST_WITNESS);
   for (int i = 0; i < MAX_STEPS && mask_bits(going); i++) {
-    reading r = look(cell, k, b->x + h * b->dx[k], b->y + h * b->dy[k]);
-    f8 seen = height_of(cell, r.seen), open = seen - h;
-    i8 hit = (open <= all(0)) & (last_open > all(0)) &
-             (magnitude(r.seen - last_code) <= all(EDGE_CODES));
-    f8 at = h - step * open / (open - last_open);
-    if (i == 0) hit = open <= all(0), at = seen;
+    reading at = find(field, s, b->x + h * s->dx, b->y + h * s->dy);
+    f8 code = look(field, &at), seen = height_of(field, code), open = seen - h;
+    i8 hit =
+        (open <= all(0)) & (last_open > all(0)) & (magnitude(code - last_code) <= all(EDGE_CODES));
+    f8 there = h - step * open / (open - last_open);
+    if (i == 0) hit = open <= all(0), there = seen;
     /* Slices that look almost along the ray see what it meets at once. */
     i8 close = ~hit & (d * magnitude(open) < all(0.5f));
-    going &= r.inside;
-    met = choose(going & (hit | close), choose(hit, at, seen), met);
+    going &= at.inside;
+    met = choose(going & (hit | close), choose(hit, there, seen), met);
     going &= ~(hit | close);
-    last_open = open, last_code = r.seen, h += step;
+    last_open = open, last_code = code, h += step;
   }
-  return choose(met < all(0), all(-1), 256.0f * met / (cell->unit + met));
+  return choose(met < all(0), all(-1), 256.0f * met / (field->unit + met));
 }
 
 /* On a curved surface slices see the same thing close to each other: from what the slice sees at
  * the texel itself. */
-static f8 follow_curved(const depth_cell *cell, const bundle *b, int k) {
-  f8 code = all(0), met = all(-1), expected;
-  i8 going = b->weight[k] > all(0);
+static f8 follow_curved(depth_field *field, const bundle *b, const sight *s) {
+  f8 code = all(0), met = all(-1);
+  i8 going = s->weight > all(0);
   for (int i = 0; i <= CURVED_STEPS && mask_bits(going); i++) {
-    reading r = look_from(cell, b, k, code, &expected);
-    f8 off = r.seen - expected;
-    going &= r.inside;
+    reading at;
+    f8 off = look_from(field, b, s, code, &at);
+    going &= at.inside;
     i8 there = going & (magnitude(off) < 0.3f * tolerance(code));
     if (i > 0) met = choose(there, code, met), going &= ~there;
     going &= code + off >= all(0);
@@ -584,18 +675,23 @@ static f8 follow_curved(const depth_cell *cell, const bundle *b, int k) {
   return met;
 }
 
+INLINE f8 follow_any(depth_field *field, const bundle *b, const sight *s) {
+  return field->frames ? follow_curved(field, b, s) : follow(field, b, s);
+}
+
 /* The lowest height that the slices see a thing at, by a share of what the best is judged, which is
  * the score. What is behind a thing may be in sight of all slices around, past it on every side. */
-static unsigned seek(const depth_cell *cell, depth_rays *rays, const depth_guess *guess) {
+static uint64_t seek(depth_field *field, depth_rays *rays, const depth_guess *guess) {
   bundle b;
+  sight s[4];
   verdict v[4], lowest;
   f8 best = all(0);
-  make_bundle(cell, rays, guess->texels, guess->count, &b);
+  look_around(field, rays, guess->texels, &b, s);
   for (int k = 0; k < 4; k++) {
-    f8 code = cell->frames ? follow_curved(cell, &b, k) : follow(cell, &b, k);
+    f8 code = follow_any(field, &b, &s[k]);
     i8 none = code < all(0);
     code = larger(code, all(0));
-    judge(cell, &b, &code, &v[k]);
+    judge(field, &b, s, &code, &v[k]);
     v[k].score = choose(none, all(-1), v[k].score);
     best = larger(best, v[k].score);
   }
@@ -607,185 +703,254 @@ static unsigned seek(const depth_cell *cell, depth_rays *rays, const depth_guess
   }
   lowest.score = best;
   i8 good = (best >= load(guess->wanted)) & (lowest.agreed > all(1e-5f));
-  return write(cell, rays, guess, &lowest, mask_bits(good));
+  return write(field, rays, guess, &lowest, mask_bits(good));
+}
+
+/* ---- One texel and many slices -----------------------------------------------------------------
+ */
+
+/* A ray in all lanes, and a slice in each: lanes beyond the count repeat one, without weight. */
+enum { MOST_SIGHTS = 16 };
+typedef struct {
+  bundle b;
+  sight s[MOST_SIGHTS / LANES];
+  int group_count;
+  f8 weight[MOST_SIGHTS / LANES]; /* with which each sees the height judged last */
+  reading at[MOST_SIGHTS / LANES];
+  float moved; /* as in verdict */
+} fan;
+
+/* The slices within `reach` of the ray, the four around weighed as they are, those beyond by a tent
+ * twice as wide. */
+static void open_fan(const depth_field *field, const depth_rays *rays, uint32_t texel, int reach,
+                     fan *a) {
+  const int s_count = (int)field->pages.s_count, t_count = (int)field->pages.t_count;
+  const int i0 = rays->cell[texel] / (t_count + 1), j0 = rays->cell[texel] % (t_count + 1);
+  int32_t numbers[MOST_SIGHTS];
+  float weights[MOST_SIGHTS];
+  int count = 0;
+  for (int j = 1 - reach; j <= reach; j++)
+    for (int i = 1 - reach; i <= reach; i++) {
+      const bool around = i >= 0 && i <= 1 && j >= 0 && j <= 1;
+      const float wide = around ? 1 : 0.5f;
+      const int number = (i0 + i) * (t_count + 1) + j0 + j;
+      if (i0 + i < 0 || j0 + j < 0 || i0 + i >= s_count || j0 + j >= t_count ||
+          isnan(field->slopes[number][0]))
+        continue;
+      numbers[count] = number;
+      weights[count++] = fmaxf(1 - wide * fabsf((float)i - rays->f[texel]), 0) *
+                             fmaxf(1 - wide * fabsf((float)j - rays->g[texel]), 0) * wide +
+                         LEAST_WEIGHT;
+    }
+  a->group_count = (count + LANES - 1) / LANES;
+  for (int l = count; l < LANES * a->group_count; l++) numbers[l] = numbers[0], weights[l] = 0;
+  a->b.x = all(rays->x + field->texel_u * (float)(texel % 8));
+  a->b.y = all(rays->y + field->texel_v * (float)(texel / 8));
+  a->b.qx = all(rays->qx[texel]), a->b.qy = all(rays->qy[texel]);
+  if (field->frames) pick_frames(field, &a->b);
+  for (int g = 0; g < a->group_count; g++) {
+    i8 number;
+    memcpy(&number, numbers + LANES * g, sizeof number);
+    a->s[g] = sight_of(field, &a->b, number, load(weights + LANES * g));
+  }
+}
+
+INLINE float sum_of(f8 v) {
+  return ((v[0] + v[4]) + (v[1] + v[5])) + ((v[2] + v[6]) + (v[3] + v[7]));
+}
+
+static float judge_fan(depth_field *field, fan *a, float code) {
+  f8 scale = 1.0f / tolerance(all(code)), sum = all(0), moved = all(0), near = all(0), score;
+  for (int g = 0; g < a->group_count; g++) {
+    f8 off = look_from(field, &a->b, &a->s[g], all(code), &a->at[g]);
+    a->weight[g] = witness(&a->s[g], off, scale, a->at[g].inside, &score);
+    sum += score;
+    f8 weight = choose((magnitude(off * scale) < all(4)) & a->at[g].inside, a->s[g].weight, all(0));
+    moved += weight * off, near += weight;
+  }
+  a->moved = sum_of(moved) / (sum_of(near) + 1e-6f);
+  return sum_of(sum);
+}
+
+/* Mixes where the slices see the height judged last. */
+static bool mix_fan(depth_field *field, const fan *a, depth_rays *rays, uint32_t texel, float code,
+                    float score) {
+  f8 rgb[3] = {all(0), all(0), all(0)}, sum = all(0);
+  for (int g = 0; g < a->group_count; g++) {
+    add_light(field, &a->at[g], a->weight[g], rgb);
+    sum += a->weight[g];
+  }
+  const float agreed = sum_of(sum);
+  if (!(agreed > 1e-5f)) return false;
+  for (int c = 0; c < 3; c++) rays->rgba[texel][c] = sum_of(rgb[c]) * (LIGHT_UNIT / agreed);
+  rays->rgba[texel][3] = 1;
+  rays->code[texel] = code, rays->score[texel] = score;
+  return true;
+}
+
+static bool mix_wide(depth_field *field, depth_rays *rays, uint32_t texel, float code,
+                     float wanted) {
+  fan a;
+  open_fan(field, rays, texel, 2, &a);
+  float score = judge_fan(field, &a, code);
+  if (fabsf(a.moved) > MOVED_SHARE * tolerance(all(code))[0]) {
+    code = fminf(fmaxf(code + a.moved, 0), 255);
+    score = judge_fan(field, &a, code);
+  }
+  return score > wanted && mix_fan(field, &a, rays, texel, code, score);
+}
+
+static bool seek_alone(depth_field *field, depth_rays *rays, uint32_t texel, int reach,
+                       float wanted) {
+  fan a;
+  float heights[MOST_SIGHTS], codes[MOST_SIGHTS], scores[MOST_SIGHTS], best = -1, lowest = 256;
+  int count = 0;
+  open_fan(field, rays, texel, reach, &a);
+  for (int g = 0; g < a.group_count; g++)
+    store(heights + LANES * g, follow_any(field, &a.b, &a.s[g]));
+  for (int l = 0; l < LANES * a.group_count; l++) {
+    bool known = heights[l] < 0;
+    const float near = 0.3f * tolerance(all(heights[l]))[0];
+    for (int i = 0; i < count && !known; i++) known = fabsf(codes[i] - heights[l]) < near;
+    if (known) continue;
+    codes[count] = heights[l];
+    scores[count] = judge_fan(field, &a, heights[l]);
+    best = fmaxf(best, scores[count++]);
+  }
+  if (!(best >= wanted)) return false;
+  for (int i = 0; i < count; i++)
+    if (scores[i] >= LOWER_SHARE * best && codes[i] < lowest) lowest = codes[i];
+  judge_fan(field, &a, lowest);
+  return mix_fan(field, &a, rays, texel, lowest, best);
 }
 
 /* ---- Where heights go on as they were ----------------------------------------------------------
  */
 
-#if defined(__AVX2__)
-/* As weigh, and the height's code as it is, times 64. */
-INLINE __m256i weigh_all(const uint8_t *texels, int32_t upper, int32_t lower_two) {
-  const __m128i pairs = _mm_setr_epi8(0, 4, 1, 5, 2, 6, 3, 7, 8, 12, 9, 13, 10, 14, 11, 15);
-  __m128 top = _mm_castsi128_ps(_mm_loadl_epi64((const __m128i *)(const void *)texels));
-  __m128i quad =
-      _mm_castps_si128(_mm_loadh_pi(top, (const __m64 *)(const void *)(texels + PAGE_ROW_NBYTES)));
-  __m256i both = _mm256_cvtepu8_epi16(_mm_shuffle_epi8(quad, pairs));
-  __m256i weights =
-      _mm256_blend_epi32(_mm256_set1_epi32(upper), _mm256_set1_epi32(lower_two), 0xf0);
-  __m256i factors = _mm256_blend_epi16(both, _mm256_set1_epi16(128), 0xc0);
-  return _mm256_madd_epi16(_mm256_srli_epi16(_mm256_mullo_epi16(both, factors), 1), weights);
+/* The rays of a row, and the three slices at the corners of the half of its cell that each lies in:
+ * three are read in three quarters of the time of four, and go over into each other as smoothly. */
+INLINE void look_along(const depth_field *field, const depth_rays *rays, int row, bundle *b,
+                       sight s[3]) {
+  const i8 columns = {0, 1, 2, 3, 4, 5, 6, 7};
+  const int32_t column = (int32_t)(field->pages.t_count + 1);
+  i8 cell, missing;
+  b->x = rays->x + field->texel_u * to_float(columns);
+  b->y = all(rays->y + field->texel_v * (float)row);
+  b->qx = load(rays->qx + 8 * row), b->qy = load(rays->qy + 8 * row);
+  f8 f = load(rays->f + 8 * row), g = load(rays->g + 8 * row), left = 1.0f - f - g;
+  memcpy(&cell, rays->cell + 8 * row, sizeof cell);
+  if (field->frames) pick_frames(field, b);
+  i8 beyond = left < all(0);
+  s[0] = sight_of(field, b, cell + column, choose(beyond, 1.0f - g, f) + LEAST_WEIGHT);
+  s[1] = sight_of(field, b, cell + 1, choose(beyond, 1.0f - f, g) + LEAST_WEIGHT);
+  s[2] = sight_of(field, b, cell + (beyond & (column + 1)), magnitude(left) + LEAST_WEIGHT);
+  missing = (s[0].dx != s[0].dx) | (s[1].dx != s[1].dx) | (s[2].dx != s[2].dx);
+  if (mask_bits(missing)) stand_in(field, &cell, s, 3);
 }
 
-/* Sums over the four texels of each lane, R G B H. */
-INLINE void weigh_lanes(const uint8_t *bytes, const int32_t *texel, const int32_t *upper,
-                        const int32_t *lower_two, i8 sums[4]) {
-  __m256i of[4];
-  for (int l = 0; l < 4; l++) {
-    __m256i a = weigh_all(bytes + texel[l], upper[l], lower_two[l]);
-    __m256i b = weigh_all(bytes + texel[l + 4], upper[l + 4], lower_two[l + 4]);
-    of[l] = _mm256_add_epi32(_mm256_permute2x128_si256(a, b, 0x20),
-                             _mm256_permute2x128_si256(a, b, 0x31));
-  }
-  __m256i rg_01 = _mm256_unpacklo_epi32(of[0], of[1]), rg_23 = _mm256_unpacklo_epi32(of[2], of[3]);
-  __m256i bh_01 = _mm256_unpackhi_epi32(of[0], of[1]), bh_23 = _mm256_unpackhi_epi32(of[2], of[3]);
-  sums[0] = (i8)_mm256_unpacklo_epi64(rg_01, rg_23),
-  sums[1] = (i8)_mm256_unpackhi_epi64(rg_01, rg_23);
-  sums[2] = (i8)_mm256_unpacklo_epi64(bh_01, bh_23),
-  sums[3] = (i8)_mm256_unpackhi_epi64(bh_01, bh_23);
-}
-
-/* R G B and 1 side by side, of each lane. */
-INLINE void spread(f8 r, f8 g, f8 b, float rgba[LANES][4]) {
-  __m256 rb_low = _mm256_unpacklo_ps(r, b), rb_high = _mm256_unpackhi_ps(r, b);
-  __m256 ga_low = _mm256_unpacklo_ps(g, all(1)), ga_high = _mm256_unpackhi_ps(g, all(1));
-  __m256 lanes[4] = {_mm256_unpacklo_ps(rb_low, ga_low), _mm256_unpackhi_ps(rb_low, ga_low),
-                     _mm256_unpacklo_ps(rb_high, ga_high), _mm256_unpackhi_ps(rb_high, ga_high)};
-  for (int l = 0; l < 4; l++) {
-    _mm_storeu_ps(rgba[l], _mm256_castps256_ps128(lanes[l]));
-    _mm_storeu_ps(rgba[l + 4], _mm256_extractf128_ps(lanes[l], 1));
-  }
-}
-#else
-INLINE void weigh_lanes(const uint8_t *bytes, const int32_t *texel, const int32_t *upper,
-                        const int32_t *lower_two, i8 sums[4]) {
-  for (int l = 0; l < LANES; l++)
-    for (int c = 0; c < 4; c++) {
-      sums[c][l] = 0;
-      for (int row = 0; row < 2; row++) {
-        const uint8_t *left = bytes + texel[l] + row * PAGE_ROW_NBYTES + c, *right = left + 4;
-        int32_t weights = row ? lower_two[l] : upper[l];
-        int32_t a = c < 3 ? left[0] * left[0] >> 1 : left[0] * 64;
-        int32_t b = c < 3 ? right[0] * right[0] >> 1 : right[0] * 64;
-        sums[c][l] += a * (weights & 0xffff) + b * (weights >> 16);
-      }
-    }
-}
-
-INLINE void spread(f8 r, f8 g, f8 b, float rgba[LANES][4]) {
-  for (int l = 0; l < LANES; l++)
-    rgba[l][0] = r[l], rgba[l][1] = g[l], rgba[l][2] = b[l], rgba[l][3] = 1;
-}
-#endif
-
-static void aim_at(const depth_cell *cell, const bundle *b, const f8 *code, depth_aim *a) {
-  f8 height = height_of(cell, *code);
-  for (int k = 0; k < 4; k++) {
-    f8 x, y, there = see_from(cell, b, k, height, &x, &y);
-    f8 expected = *code;
-    if (cell->frames) expected = 256.0f * there / (cell->unit + there);
-    reading r = find(cell, k, x, y);
-    f8 bottom = (float)WHOLE * r.fy, top = (float)WHOLE - bottom;
-    f8 bottom_right = bottom * r.fx, top_right = top * r.fx;
-    i8 above = to_int(top - top_right + 0.5f) | to_int(top_right + 0.5f) << 16;
-    i8 below = to_int(bottom - bottom_right + 0.5f) | to_int(bottom_right + 0.5f) << 16;
-    memcpy(a->upper[k], &above, sizeof above);
-    memcpy(a->lower_two[k], &below, sizeof below);
+INLINE void aim_at(const depth_field *field, const bundle *b, const sight s[3], f8 code,
+                   depth_aim *a) {
+  f8 height = height_of(field, code);
+  for (int k = 0; k < 3; k++) {
+    f8 expected;
+    i8 upper, lower_two;
+    reading r = see_from(field, b, &s[k], height, code, &expected);
+    weights_of(&r, &upper, &lower_two);
+    memcpy(a->upper[k], &upper, sizeof upper);
+    memcpy(a->lower_two[k], &lower_two, sizeof lower_two);
     memcpy(a->texel[k], &r.texel, sizeof r.texel);
-    store(a->weight[k], choose(r.inside, b->weight[k], all(0)));
+    store(a->weight[k], choose(r.inside, s[k].weight, all(0)));
     store(a->expected[k], expected);
-    const uint8_t *bytes = cell->slices[k]->bytes;
     for (int l = 0; l < LANES; l++) {
-      __builtin_prefetch(bytes + a->texel[k][l]);
-      __builtin_prefetch(bytes + a->texel[k][l] + PAGE_ROW_NBYTES + 7);
+      const uint8_t *texel = field->pages.bytes + 4 * (size_t)a->texel[k][l];
+      __builtin_prefetch(texel);
+      __builtin_prefetch(texel + 4 * PAGE_ROW_TEXELS + 7);
     }
   }
 }
 
-static void aim(const depth_cell *cell, const depth_rays *rays, const depth_memory *last,
-                const uint8_t *texels, int count, depth_aim *a) {
+INLINE i8 lanes_of(unsigned bits) {
+  const i8 lanes = {1, 2, 4, 8, 16, 32, 64, 128};
+  return (all_int((int32_t)bits) & lanes) == lanes;
+}
+
+static void aim(const depth_field *field, const depth_rays *rays, const depth_memory *last, int row,
+                unsigned lanes, depth_aim *a) {
   bundle b;
-  f8 code, score;
-  if (count == LANES && texels[7] == texels[0] + 7 && texels[0] % 8 == 0) {
-    code = to_float(load_u16(last->code + texels[0]));
-    score = to_float(load_c8(last->score + texels[0]));
-  } else {
-    for (int l = 0; l < LANES; l++) {
-      uint8_t k = texels[l < count ? l : 0];
-      code[l] = last->code[k], score[l] = last->score[k];
-    }
-  }
-  code *= 1.0f / 256;
-  memcpy(a->guess.texels, texels, LANES);
-  a->guess.count = count;
-  store(a->guess.codes, code);
-  store(a->guess.wanted,
-        smaller(larger(0.01f * score - SCORE_SLACK, all(LEAST_NEAR)), all(ALL_AGREE)));
-  make_bundle(cell, rays, a->guess.texels, a->guess.count, &b);
-  a->cell = cell;
-  aim_at(cell, &b, &code, a);
+  sight s[3];
+  f8 code = to_float(load_u16(last->code + 8 * row)) * (1.0f / 256);
+  f8 score = 0.01f * to_float(load_c8(last->score + 8 * row));
+  a->row = row, a->lanes = lanes;
+  store(a->codes, code);
+  store(a->wanted, smaller(larger(score - SCORE_SLACK, all(LEAST_NEAR)), all(ALL_AGREE)));
+  look_along(field, rays, row, &b, s);
+  aim_at(field, &b, s, code, a);
 }
 
-/* What the four slices show where they should see a height. */
+/* What the three slices show where they should see a height. */
 typedef struct {
-  f8 rgb[4][3]; /* linear, times PAGE_WHITE * WHOLE / 2 */
-  f8 off[4];    /* code seen less the one expected */
-  f8 weight[4];
-  f8 moved; /* mean of off: the slices' directions lie around the ray's, so that it leads to what
-               they see, right to first order wherever along the ray they look */
+  f8 rgb[3][3]; /* linear, in LIGHT_UNIT */
+  f8 off[3];    /* code seen less the one expected */
+  f8 weight[3];
+  f8 moved; /* as in verdict */
 } view;
 
-static void read_aimed(const depth_aim *a, const f8 *code, view *v) {
-  f8 sum = all(1e-6f), limit = 4.0f * tolerance(*code);
+INLINE void read_aimed(depth_field *field, const depth_aim *a, f8 code, view *v) {
+  f8 sum = all(1e-6f), limit = 4.0f * tolerance(code);
   v->moved = all(0);
-  for (int k = 0; k < 4; k++) {
-    i8 sums[4];
-    weigh_lanes(a->cell->slices[k]->bytes, a->texel[k], a->upper[k], a->lower_two[k], sums);
+  for (int k = 0; k < 3; k++) {
+    i8 sums[4], upper, lower_two;
+    memcpy(&upper, a->upper[k], sizeof upper);
+    memcpy(&lower_two, a->lower_two[k], sizeof lower_two);
+    weigh_there(field, a->texel[k], upper, lower_two, a->lanes, sums);
     for (int c = 0; c < 3; c++) v->rgb[k][c] = to_float(sums[c]);
     v->weight[k] = load(a->weight[k]);
-    v->off[k] = to_float(sums[3]) * (1.0f / 64 / WHOLE) - load(a->expected[k]);
+    v->off[k] = to_float(sums[3]) * CODE_UNIT - load(a->expected[k]);
     f8 weight = choose(magnitude(v->off[k]) < limit, v->weight[k], all(0));
     v->moved += weight * v->off[k], sum += weight;
   }
   v->moved /= sum;
 }
 
-static unsigned mix_aimed(depth_rays *rays, depth_aim *a) {
+static unsigned mix_aimed(depth_field *field, depth_rays *rays, depth_aim *a) {
   enum { PASSES = 3 };
-  const uint8_t *texels = a->guess.texels;
-  const int count = a->guess.count;
   view v;
-  f8 code = load(a->guess.codes);
-  read_aimed(a, &code, &v);
+  f8 code = load(a->codes);
+  read_aimed(field, a, code, &v);
   for (int pass = 1; pass < PASSES; pass++) {
     bundle b;
-    if (!mask_bits(magnitude(v.moved) > MOVED_SHARE * tolerance(code))) break;
+    sight s[3];
+    if (!(mask_bits(magnitude(v.moved) > MOVED_SHARE * tolerance(code)) & a->lanes)) break;
     code = smaller(larger(code + v.moved, all(0)), all(255));
-    make_bundle(a->cell, rays, texels, count, &b);
-    aim_at(a->cell, &b, &code, a);
-    read_aimed(a, &code, &v);
+    look_along(field, rays, a->row, &b, s);
+    aim_at(field, &b, s, code, a);
+    read_aimed(field, a, code, &v);
   }
   f8 scale = 1.0f / tolerance(code), score = all(0), agreed = all(1e-6f);
-  f8 rgb[3] = {all(0), all(0), all(0)};
-  for (int k = 0; k < 4; k++) {
-    f8 off = v.off[k] * scale, agreement = larger(1.0f - 0.25f * off * off, all(0));
-    f8 agreeing = v.weight[k] * (agreement * agreement);
+  f8 rgb[3] = {all(0), all(0), all(0)}, wanted = load(a->wanted);
+  for (int k = 0; k < 3; k++) {
+    f8 off = v.off[k] * scale;
+    f8 agreeing = v.weight[k] * agreement(off);
     for (int c = 0; c < 3; c++) rgb[c] += agreeing * v.rgb[k][c];
     agreed += agreeing;
     score += choose(off > 2.0f, -v.weight[k], agreeing);
   }
-  f8 wanted = load(a->guess.wanted), light = 2.0f / PAGE_WHITE / WHOLE / agreed;
-  unsigned mask = mask_bits(score > wanted) & ((1u << count) - 1);
-  float rgba[LANES][4], codes[LANES], scores[LANES];
-  spread(rgb[0] * light, rgb[1] * light, rgb[2] * light, rgba);
-  store(codes, smaller(larger(code + v.moved, all(0)), all(255)));
-  store(scores, larger(score, wanted + SCORE_SLACK));
-  for (int l = 0; l < count; l++) {
-    if (!(mask >> l & 1)) continue;
-    uint8_t k = texels[l];
-    rays->code[k] = codes[l], rays->score[k] = scores[l];
-    memcpy(rays->rgba[k], rgba[l], sizeof rgba[l]);
+  unsigned mask = mask_bits(score > wanted) & a->lanes;
+  i8 mixed = lanes_of(mask);
+  f8 light = LIGHT_UNIT / agreed;
+  float *codes = rays->code + 8 * a->row, *scores = rays->score + 8 * a->row;
+  for (int c = 0; c < 3; c++) rgb[c] *= light;
+  if (mask == (1u << LANES) - 1) {
+    spread(rgb, rays->rgba + 8 * a->row);
+  } else {
+    float rgba[LANES][4];
+    spread(rgb, rgba);
+    for (unsigned left = mask; left; left &= left - 1)
+      memcpy(rays->rgba[8 * a->row + __builtin_ctz(left)], rgba[__builtin_ctz(left)], sizeof *rgba);
   }
+  code = smaller(larger(code + v.moved, all(0)), all(255));
+  store(codes, choose(mixed, code, load(codes)));
+  store(scores, choose(mixed, larger(score, wanted + SCORE_SLACK), load(scores)));
   return mask;
 }
 
@@ -815,9 +980,8 @@ static uint64_t find_steady(const depth_memory *last) {
 
 static void remember(const depth_rays *rays, const uint8_t kinds[64], uint64_t mask,
                      depth_memory *now) {
-  const i8 lanes = {1, 2, 4, 8, 16, 32, 64, 128};
   for (int row = 0; row < 64; row += LANES) {
-    i8 made = (all_int((int32_t)(mask >> row & 0xff)) & lanes) == lanes;
+    i8 made = lanes_of((unsigned)(mask >> row & 0xff));
     i8 code = to_int(256.0f * larger(load(rays->code + row), all(0)));
     i8 score = to_int(100.0f * load(rays->score + row)), kind = load_c8(kinds + row);
     store_u16(now->code + row, (code & made) | (load_u16(now->code + row) & ~made));
@@ -840,5 +1004,5 @@ static void put(const depth_rays *rays, uint16_t *out, size_t row_nbytes) {
   }
 }
 
-const depth_kernel KERNEL = {place, find_cell, find_steady, mix_bundle, seek,
-                             aim,   mix_aimed, remember,    put};
+const depth_kernel KERNEL = {place,    find_steady, mix,       mix_four_tap, seek, seek_alone,
+                             mix_wide, aim,         mix_aimed, remember,     put};

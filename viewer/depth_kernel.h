@@ -9,25 +9,23 @@
 
 enum { LANES = 8 };
 
-/* The four slices around the directions of some texels: at the corners of a cell of (S,T), bit 0 of
- * their number along s, bit 1 along t. */
+/* What is read: light, heights, and where they are seen from. */
 typedef struct {
-  depth_pages *pages;
-  const depth_frame *frames; /* of a curved surface's texels; NULL for a flat one */
-  float unit;                /* of the heights */
-  uint32_t i0, j0;           /* the first */
-  float exists[4];           /* 1, or 0: then another stands in, and counts for nothing */
-  const depth_slice *slices[4];
-  float qx[4], qy[4]; /* slopes, texels a unit of height */
-} depth_cell;
+  depth_pages pages;
+  depth_frame *frames; /* of a curved surface's texels; NULL for a flat one */
+  float unit;          /* of the heights */
+  float (*slopes)[2]; /* of each slice by number (depth_pages.h), texels a unit of height; NAN where
+                         there is no slice */
+  float texel_u, texel_v; /* texels of light per texel mixed */
+  float scale[4];         /* see flat_texel_scale */
+} depth_field;
 
-/* The rays of a block's texels, 8 row + column. Texels are those of the light; slopes as those of
- * the slices. */
+/* The rays of a block's texels, 8 row + column. Slopes are as those of the slices. */
 typedef struct {
-  float x[64], y[64];
+  float x, y; /* of the block's first texel */
   float qx[64], qy[64];
-  float i[64], j[64]; /* place among the slices, S and T */
-  int32_t cell[64];   /* i0 * t_count + j0 of the cell of slices around */
+  int32_t cell[64];   /* the slice before it, along S and along T: the first of the four around */
+  float f[64], g[64]; /* how far it is from there to the next, along S and T */
   float code[64];     /* of the height that was found, below 0 for none, as at first */
   float score[64];    /* of that height: weight of slices that agree on it, less of those that look
                          through it */
@@ -49,49 +47,51 @@ typedef struct {
   uint8_t kind[64];
 } depth_memory;
 
-/* What rays are made from. */
-typedef struct {
-  uint32_t s_count, t_count;
-  float texel_u, texel_v; /* texels of light per texel mixed */
-  float scale[4];         /* see flat_texel_scale */
-} depth_geometry;
-
-/* Up to eight texels of a cell and what is guessed of their heights: codes to begin with, and the
- * scores for which what is found is taken. Lanes beyond `count` repeat the first. */
+/* Up to eight guesses of texels' heights: codes to begin with, and the scores for which what is
+ * found is taken. The first of several for a texel that is good counts. Lanes beyond `count` repeat
+ * the first. */
 typedef struct {
   uint8_t texels[LANES];
   int count;
   float codes[LANES], wanted[LANES];
 } depth_guess;
 
-/* Where a guess is looked for: what of each slice is read for each lane. */
+/* Where the texels of a row are looked for: what is read for each from the three slices that its
+ * direction lies between. */
 typedef struct {
-  const depth_cell *cell;
-  depth_guess guess;
-  int32_t texel[4][LANES]; /* where the four texels begin, in the slice's bytes */
-  int32_t upper[4][LANES], lower_two[4][LANES]; /* their weights, two in one number */
-  float weight[4][LANES];                       /* of the slices, 0 beyond the surface */
-  float expected[4][LANES];                     /* code that each should see */
+  int row;
+  unsigned lanes; /* that count */
+  float codes[LANES], wanted[LANES];
+  int32_t texel[3][LANES];                      /* where the four texels begin */
+  int32_t upper[3][LANES], lower_two[3][LANES]; /* their weights, two in one number */
+  float weight[3][LANES];                       /* of the slices, 0 beyond the surface */
+  float expected[3][LANES];                     /* code that each should see */
 } depth_aim;
 
 typedef struct {
   /* The rays of block (block_u, block_v) for its directions. */
-  void (*place)(const depth_geometry *g, uint32_t block_u, uint32_t block_v,
+  void (*place)(const depth_field *field, uint32_t block_u, uint32_t block_v,
                 const block_directions *directions, depth_rays *rays);
-  /* The texels of a cell, as a mask. */
-  uint64_t (*find_cell)(const depth_rays *rays, int32_t cell);
-  /* The texels whose height most of the four slices around knew, and with no neighbour in the block
-   * that saw another thing that is lower. */
+  /* The texels whose height most of the slices around knew, and with no neighbour in the block that
+   * saw another thing that is lower. */
   uint64_t (*find_steady)(const depth_memory *last);
-  /* Mixes those of the texels for whose height there is good evidence; returns their lanes. */
-  unsigned (*mix)(const depth_cell *cell, depth_rays *rays, const depth_guess *guess);
-  /* The same without guesses: follows each slice along the rays. */
-  unsigned (*seek)(const depth_cell *cell, depth_rays *rays, const depth_guess *guess);
+  /* Mixes those of the texels for whose height there is good evidence among the four slices around;
+   * returns them. */
+  uint64_t (*mix)(depth_field *field, depth_rays *rays, const depth_guess *guess);
+  /* The paper's way, at the texels themselves. */
+  void (*mix_four_tap)(depth_field *field, depth_rays *rays, const depth_guess *texels);
+  /* As mix, without guesses: follows each slice along the rays. */
+  uint64_t (*seek)(depth_field *field, depth_rays *rays, const depth_guess *guess);
+  /* The same of one texel, which is to reach `wanted`, `reach` slices each way: 1 for the four
+   * around, 2 for sixteen. */
+  bool (*seek_alone)(depth_field *field, depth_rays *rays, uint32_t texel, int reach, float wanted);
+  /* With the sixteen slices around, at the height given, if that has the score. */
+  bool (*mix_wide)(depth_field *field, depth_rays *rays, uint32_t texel, float code, float wanted);
   /* As mix in two steps, so that what is read can come from afar in between: the quicker way,
-   * which knows no edges. */
-  void (*aim)(const depth_cell *cell, const depth_rays *rays, const depth_memory *last,
-              const uint8_t *texels, int count, depth_aim *aim);
-  unsigned (*mix_aimed)(depth_rays *rays, depth_aim *aim);
+   * which knows no edges. Lanes of a row in a mask; mix_aimed returns what it mixed. */
+  void (*aim)(const depth_field *field, const depth_rays *rays, const depth_memory *last, int row,
+              unsigned lanes, depth_aim *aim);
+  unsigned (*mix_aimed)(depth_field *field, depth_rays *rays, depth_aim *aim);
   /* Keeps what was found for the texels of the mask. */
   void (*remember)(const depth_rays *rays, const uint8_t kinds[64], uint64_t mask,
                    depth_memory *now);

@@ -9,12 +9,7 @@
 #include "half.h"
 
 struct depth_mixer {
-  depth_geometry geometry;
-  float u_end, v_end; /* half a texel beyond the light's last */
-  float unit;
-  depth_frame *frames; /* of a curved surface; NULL for a flat one */
-  float (*slopes)[2];  /* q of each slice, NAN of those that do not exist */
-  depth_pages pages;
+  depth_field field;
   const depth_kernel *kernel;
   uint32_t block_u_count; /* of what is mixed */
   depth_memory *last;     /* of each block */
@@ -56,269 +51,21 @@ bool flat_texel_scale(const slf_mesh *mesh, uint32_t u_count, uint32_t v_count, 
   return true;
 }
 
-/* ---- What a slice sees --------------------------------------------------------------------------
- */
-
-/* A slice near a ray's direction: its weight, and (q_i - q). */
-typedef struct {
-  const depth_slice *slice;
-  float weight, dx, dy;
-} neighbour;
-
-/* A place in a slice: the page and the texel there that it is right of and below, and how far. */
-typedef struct {
-  const uint8_t *page;
-  int x, y;
-  float fx, fy;
-} place;
-
-static inline float confine(float x, float last) {
-  return x < 0 ? 0 : x > last ? last : x;
-}
-
-static inline place find_place(depth_mixer *m, const neighbour *n, float x, float y) {
-  depth_pages *p = &m->pages;
-  x = confine(x - 0.5f, m->u_end - 1.5f);
-  y = confine(y - 0.5f, m->v_end - 1.5f);
-  int i = (int)x, j = (int)y;
-  uint32_t block = (uint32_t)(j >> 3) * p->block_u_count + (uint32_t)(i >> 3);
-  if (!(n->slice->there[block / 32] >> block % 32 & 1)) depth_pages_load(p, n->slice, block);
-  const uint8_t *page = n->slice->bytes + (size_t)block * PAGE_NBYTES;
-  return (place){page, i & 7, j & 7, x - (float)i, y - (float)j};
-}
-
-/* The code of the height that the slice sees at texel (x, y) of the light; -1 beyond the surface.
- */
-static float code_at(depth_mixer *m, const neighbour *n, float x, float y) {
-  if (!(x >= -0.5f && y >= -0.5f && x <= m->u_end && y <= m->v_end)) return -1;
-  place at = find_place(m, n, x, y);
-  const uint8_t *t = at.page + at.y * PAGE_ROW_NBYTES + at.x * 4 + 3;
-  int a = t[0], b = t[4], c = t[PAGE_ROW_NBYTES], d = t[PAGE_ROW_NBYTES + 4];
-  int low = a < b ? a : b, high = a < b ? b : a, low_2 = c < d ? c : d, high_2 = c < d ? d : c;
-  if (low_2 < low) low = low_2;
-  if (high_2 > high) high = high_2;
-  /* Between a thing and what is behind it there is nothing. */
-  if (high - low > EDGE_CODES)
-    return at.fy > 0.5f ? (float)(at.fx > 0.5f ? d : c) : (float)(at.fx > 0.5f ? b : a);
-  float top = (float)a + at.fx * (float)(b - a), bottom = (float)c + at.fx * (float)(d - c);
-  return top + at.fy * (bottom - top);
-}
-
-static float height_of(const depth_mixer *m, float code) {
-  return m->unit * code / (256 - code);
-}
-
-static void add_light(depth_mixer *m, const neighbour *n, float x, float y, float weight,
-                      float rgb[3]) {
-  place at = find_place(m, n, x, y);
-  for (int k = 0; k < 4; k++) {
-    float w = weight * (k & 1 ? at.fx : 1 - at.fx) * (k & 2 ? at.fy : 1 - at.fy) / PAGE_WHITE;
-    const uint8_t *texel = at.page + (at.y + k / 2) * PAGE_ROW_NBYTES + (at.x + k % 2) * 4;
-    for (int channel = 0; channel < 3; channel++)
-      rgb[channel] += w * (float)(texel[channel] * texel[channel]);
-  }
-}
-
-/* ---- One texel ----------------------------------------------------------------------------------
- */
-
-typedef struct {
-  float x, y;         /* texel */
-  float qx, qy;       /* slopes, texels a unit of height */
-  float i, j;         /* place among the slices, S and T */
-  neighbour near[16]; /* that of most weight first */
-  int near_count;
-} ray;
-
-/* The slices within `reach` of the ray's direction that it does not have yet, weighed by a tent of
- * that width; a slice on the tent's rim keeps a hundredth, as its word on visibility counts. */
-static void add_neighbours(depth_mixer *m, ray *r, int reach) {
-  int i0 = (int)r->i, j0 = (int)r->j;
-  if (m->geometry.s_count > 1 && i0 > (int)m->geometry.s_count - 2)
-    i0 = (int)m->geometry.s_count - 2;
-  if (m->geometry.t_count > 1 && j0 > (int)m->geometry.t_count - 2)
-    j0 = (int)m->geometry.t_count - 2;
-  for (int j = j0 + 1 - reach; j <= j0 + reach; j++)
-    for (int i = i0 + 1 - reach; i <= i0 + reach; i++) {
-      if (reach == 2 && i >= i0 && i <= i0 + 1 && j >= j0 && j <= j0 + 1) continue;
-      if (i < 0 || j < 0 || i >= (int)m->geometry.s_count || j >= (int)m->geometry.t_count)
-        continue;
-      const float *q = m->slopes[(uint32_t)i * m->geometry.t_count + (uint32_t)j];
-      if (isnan(q[0])) continue;
-      float wide = 1.0f / (float)reach;
-      float weight = fmaxf(1 - wide * fabsf((float)i - r->i), 0) *
-                     fmaxf(1 - wide * fabsf((float)j - r->j), 0) * wide;
-      neighbour n = {.slice = depth_pages_slice(&m->pages, (uint32_t)i, (uint32_t)j),
-                     .weight = weight + LEAST_WEIGHT,
-                     .dx = q[0] - r->qx,
-                     .dy = q[1] - r->qy};
-      r->near[r->near_count] = n;
-      if (n.weight > r->near[0].weight) r->near[r->near_count] = r->near[0], r->near[0] = n;
-      r->near_count++;
-    }
-}
-
-/* As see_from in depth_kernel.c: where a slice sees what the ray meets at height h; *there becomes
- * its height over the surface there. */
-static void see_from(const depth_mixer *m, const ray *r, const neighbour *n, float h, float *x,
-                     float *y, float *there) {
-  float right_u = h * n->dx, right_v = h * n->dy;
-  *x = r->x + right_u, *y = r->y + right_v, *there = h;
-  if (!m->frames) return;
-  const depth_frame *f = &m->frames[(size_t)r->y * m->pages.u_count + (size_t)r->x];
-  const float *p = f->across, *b = f->bend, *w = f->turn, q_u = r->qx + n->dx, q_v = r->qy + n->dy;
-  float rise_u = q_u * b[0] + q_v * b[2], rise_v = q_u * b[1] + q_v * b[3];
-  float uu = p[0] + h * (b[0] + q_v * w[0] + q_u * rise_u);
-  float uv = p[1] + h * (b[1] + q_v * w[1] + q_u * rise_v);
-  float vu = p[2] + h * (b[2] - q_u * w[0] + q_v * rise_u);
-  float vv = p[3] + h * (b[3] - q_u * w[1] + q_v * rise_v);
-  float scale = 1 / (uu * vv - uv * vu);
-  float e_u = (right_u * vv - right_v * uv) * scale, e_v = (uu * right_v - vu * right_u) * scale;
-  float drop = (b[0] * e_u + b[1] * e_v) * (p[0] * e_u + p[1] * e_v) +
-               (b[2] * e_u + b[3] * e_v) * (p[2] * e_u + p[3] * e_v);
-  *x = r->x + e_u, *y = r->y + e_v;
-  *there = (h + 0.5f * drop) / (1 + rise_u * e_u + rise_v * e_v);
-  if (m->pages.wrap_u) *x -= (float)m->pages.u_count * floorf(*x / (float)m->pages.u_count);
-}
-
-/* By how much what a slice sees where it should see height h is higher than it should; *inside is
- * whether there is any surface. */
-static float look_from(depth_mixer *m, const ray *r, const neighbour *n, float h, bool *inside) {
-  float x, y, there;
-  see_from(m, r, n, h, &x, &y, &there);
-  float code = code_at(m, n, x, y);
-  *inside = code >= 0;
-  return *inside ? height_of(m, code) - there : 0;
-}
-
-/* How far apart two heights may be and still be one: codes, slopes and edges are not exact. */
-static float tolerance(const depth_mixer *m, float h) {
-  return TOLERANCE_UNITS * m->unit + TOLERANCE_SHARE * h;
-}
-
-/* 1 for the same height, 0 beyond twice the tolerance. */
-static float agreement(float off) {
-  float a = 1 - 0.25f * off * off;
-  return a > 0 ? a * a : 0;
-}
-
-/* On a curved surface slices see the same thing close to each other: from what the slice sees at
- * the texel itself. */
-static float meet_curved(depth_mixer *m, const ray *r, const neighbour *n) {
-  bool inside;
-  float h = look_from(m, r, n, 0, &inside), off = h;
-  for (int i = 0; i < CURVED_STEPS && inside && h >= 0; i++) {
-    off = look_from(m, r, n, h, &inside);
-    if (inside && fabsf(off) < 0.3f * tolerance(m, h)) return h;
-    h += off;
-  }
-  return -1;
-}
-
-/* Where the ray meets what the slice sees: along the ray the point at height h is seen at p + h d.
- * As long as the slice sees something higher there, the point is in the open; where it sees
- * something lower, the point is behind that. From the open to behind in a step without an edge is a
- * hit. */
-static float meet(depth_mixer *m, const ray *r, const neighbour *n) {
-  if (m->frames) return meet_curved(m, r, n);
-  float d = fmaxf(fabsf(n->dx), fabsf(n->dy)), step = STEP_TEXELS / fmaxf(d, 1e-3f), h = 0;
-  if (MAX_STEPS * step < LEAST_REACH * m->unit || n->weight < LEAST_WITNESS) return -1;
-  float code = code_at(m, n, r->x, r->y), last_code = code, last_open = 1;
-  for (int k = 0; k < MAX_STEPS && code >= 0; k++) {
-    float seen = height_of(m, code), open = seen - h;
-    if (open <= 0 && last_open > 0 && fabsf(code - last_code) <= EDGE_CODES)
-      return k == 0 ? seen : h - step * open / (open - last_open);
-    last_open = open, last_code = code;
-    /* Slices that look almost along the ray see what it meets at once. */
-    if (d * fabsf(open) < 0.5f) return seen;
-    h += step;
-    code = code_at(m, n, r->x + h * n->dx, r->y + h * n->dy);
-  }
-  return -1;
-}
-
-/* What the slices say of height h, in weight: that they see a thing there, less that they look
- * through it. */
-static float judge(depth_mixer *m, const ray *r, float h) {
-  float sum = 0, scale = 1 / tolerance(m, h);
-  for (int k = 0; k < r->near_count; k++) {
-    const neighbour *n = &r->near[k];
-    bool inside;
-    float off = look_from(m, r, n, h, &inside) * scale;
-    if (inside) sum += off > 2 ? -n->weight : n->weight * agreement(off);
-  }
-  return sum;
-}
-
-/* The lowest height that the slices see a thing at, by a share of what the best is judged, *score.
- * What is behind a thing may be in sight of all slices around, past it on every side. */
-static float find_height(depth_mixer *m, const ray *r, float *score) {
-  float heights[16], scores[16], best = -INFINITY, lowest = INFINITY;
-  int count = 0;
-  for (int k = 0; k < r->near_count; k++) {
-    float h = meet(m, r, &r->near[k]);
-    bool known = h < 0;
-    for (int i = 0; i < count && !known; i++)
-      known = fabsf(heights[i] - h) < 0.3f * tolerance(m, h);
-    if (known) continue;
-    heights[count] = h;
-    scores[count] = judge(m, r, h);
-    best = fmaxf(best, scores[count++]);
-  }
-  for (int i = 0; i < count; i++)
-    if (scores[i] >= LOWER_SHARE * best && heights[i] < lowest) lowest = heights[i];
-  *score = best;
-  return lowest;
-}
-
-/* The slices' mean where they see height h, each as far as it does. Returns the weight. */
-static float mix_at(depth_mixer *m, const ray *r, float h, float rgb[3]) {
-  float sum = 0, scale = 1 / tolerance(m, h);
-  rgb[0] = rgb[1] = rgb[2] = 0;
-  for (int k = 0; k < r->near_count; k++) {
-    const neighbour *n = &r->near[k];
-    float x, y, there;
-    see_from(m, r, n, h, &x, &y, &there);
-    float code = code_at(m, n, x, y);
-    if (code < 0) continue;
-    float weight = n->weight * agreement((height_of(m, code) - there) * scale);
-    if (weight < 1e-5f) continue;
-    add_light(m, n, x, y, weight, rgb);
-    sum += weight;
-  }
-  for (int k = 0; k < 3 && sum > 0; k++) rgb[k] /= sum;
-  return sum;
-}
-
-/* The paper's mix, where no slice sees what the ray meets. */
-static void mix_four_tap(depth_mixer *m, ray *r, float rgb[3]) {
-  float sum = 0;
-  rgb[0] = rgb[1] = rgb[2] = 0;
-  r->near_count = 0;
-  add_neighbours(m, r, 1);
-  for (int k = 0; k < r->near_count; k++) {
-    add_light(m, &r->near[k], r->x, r->y, r->near[k].weight, rgb);
-    sum += r->near[k].weight;
-  }
-  for (int k = 0; k < 3; k++) rgb[k] /= sum;
-}
-
 /* ---- Blocks of texels --------------------------------------------------------------------------
  */
 
 /* What was found for a texel last time is where it is looked for next. Texels with some slices that
- * disagree forget every 64th frame, so that nothing wrong stays, and each tells its neighbours what
- * it finds: eight of a block in every eighth, one in each row and column, as eight are followed at
- * the cost of one. Blocks take turns. */
-enum { REFRESH = 8, TURN = 3 /* odd: neighbours' turns differ */ };
+ * disagree forget every 64th frame, so that nothing wrong stays, those of a block at once, as eight
+ * are followed at the cost of one; those that the four slices around did not serve try their
+ * neighbours' heights every fourth. Blocks take turns. */
+enum { FORGET = 64, TRY = 4, TURN = 13 /* odd: all turns occur, and neighbours' differ */ };
 
-static depth_memory *recall(depth_mixer *m, size_t block) {
+static depth_memory *recall(depth_mixer *m, size_t block, bool *try) {
   depth_memory *last = &m->last[block];
   const uint32_t turn = m->visits[block]++ + TURN * (uint32_t)block;
-  for (uint32_t row = 0; row < 8 && turn % REFRESH == 0; row++) {
-    uint32_t k = 8 * row + (turn / REFRESH + 3 * row) % 8;
+  *try = turn % TRY == 0;
+  for (uint32_t k = 0; k < 64 && turn % FORGET == 0; k++)
     if (last->score[k] < (int)(100 * ALL_AGREE)) last->kind[k] = SEEN_UNKNOWN;
-  }
   return last;
 }
 
@@ -328,62 +75,6 @@ static float wanted_score(const depth_memory *last, uint32_t k) {
   float least = last->kind[k] == SEEN_WIDE ? LEAST_WIDE : LEAST_NEAR;
   float wanted = fmaxf(0.01f * (float)last->score[k] - SCORE_SLACK, least);
   return wanted < ALL_AGREE ? wanted : ALL_AGREE;
-}
-
-/* The slices at a cell's corners. */
-static depth_cell find_cell(depth_mixer *m, uint32_t i0, uint32_t j0) {
-  depth_cell cell = {.pages = &m->pages, .frames = m->frames, .unit = m->unit, .i0 = i0, .j0 = j0};
-  const depth_geometry *g = &m->geometry;
-  uint32_t any = 0;
-  for (uint32_t k = 0; k < 4; k++) {
-    uint32_t i = i0 + (k & 1), j = j0 + (k >> 1);
-    bool exists = i < g->s_count && j < g->t_count && !isnan(m->slopes[i * g->t_count + j][0]);
-    cell.exists[k] = exists;
-    if (exists) any = k;
-  }
-  for (uint32_t k = 0; k < 4; k++) {
-    uint32_t from = cell.exists[k] > 0 ? k : any, i = i0 + (from & 1), j = j0 + (from >> 1);
-    const float *q = m->slopes[i * g->t_count + j];
-    cell.qx[k] = q[0], cell.qy[k] = q[1];
-    cell.slices[k] = depth_pages_slice(&m->pages, i, j);
-  }
-  return cell;
-}
-
-static ray find_ray(depth_mixer *m, const depth_rays *rays, uint32_t k) {
-  ray r = {rays->x[k], rays->y[k], rays->qx[k], rays->qy[k], rays->i[k], rays->j[k], {{0}}, 0};
-  add_neighbours(m, &r, 1);
-  return r;
-}
-
-/* As last time, where the four slices around did not do. */
-static bool mix_again(depth_mixer *m, depth_rays *rays, uint32_t k, const depth_memory *last) {
-  ray r = find_ray(m, rays, k);
-  rays->rgba[k][3] = 1;
-  if (last->kind[k] == SEEN_NOT) {
-    rays->score[k] = 0;
-    mix_four_tap(m, &r, rays->rgba[k]);
-    return true;
-  }
-  float code = (float)last->code[k] / 256, h = height_of(m, code);
-  add_neighbours(m, &r, 2);
-  rays->code[k] = code;
-  rays->score[k] = judge(m, &r, h);
-  return rays->score[k] > wanted_score(last, k) && mix_at(m, &r, h, rays->rgba[k]) > 0;
-}
-
-/* From 16 slices, each followed along the ray. Returns how. */
-static uint8_t mix_alone(depth_mixer *m, depth_rays *rays, uint32_t k) {
-  ray r = find_ray(m, rays, k);
-  rays->rgba[k][3] = 1;
-  add_neighbours(m, &r, 2);
-  float h = find_height(m, &r, &rays->score[k]);
-  if (rays->score[k] >= LEAST_WIDE && mix_at(m, &r, h, rays->rgba[k]) > 0) {
-    rays->code[k] = 256 * h / (m->unit + h);
-    return SEEN_WIDE;
-  }
-  mix_four_tap(m, &r, rays->rgba[k]);
-  return SEEN_NOT;
 }
 
 /* Where a guess comes from: the texel itself or its neighbours, last time. What moves, moves over a
@@ -431,84 +122,130 @@ static bool guess(const depth_memory *last, uint32_t k, guess_origin origin, flo
   return true;
 }
 
-/* Takes up to eight texels out of the mask. */
-static int take_eight(uint64_t *texels, uint8_t out[LANES]) {
-  int count = 0;
-  for (; *texels && count < LANES; *texels &= *texels - 1)
-    out[count++] = (uint8_t)__builtin_ctzll(*texels);
-  return count;
+static void add_guess(depth_guess *g, uint32_t texel, float code, float wanted) {
+  g->texels[g->count] = (uint8_t)texel, g->codes[g->count] = code, g->wanted[g->count] = wanted;
+  g->count++;
 }
 
-/* Takes texels out of the mask until there are eight for which `origin` has a guess. */
-static void pick(const depth_memory *last, guess_origin origin, uint64_t *texels, depth_guess *g) {
-  int count = 0;
-  for (; *texels && count < LANES; *texels &= *texels - 1) {
-    uint32_t k = (uint32_t)__builtin_ctzll(*texels);
-    if (guess(last, k, origin, &g->codes[count], &g->wanted[count]))
-      g->texels[count++] = (uint8_t)k;
+static void repeat_first(depth_guess *g) {
+  for (int l = 1; l < LANES; l++) {
+    const int from = l < g->count ? l : 0;
+    g->texels[l] = g->texels[from], g->codes[l] = g->codes[from], g->wanted[l] = g->wanted[from];
   }
-  g->count = count;
-  if (count == 0) return;
-  for (int l = count; l < LANES; l++)
-    g->texels[l] = g->texels[0], g->codes[l] = g->codes[0], g->wanted[l] = g->wanted[0];
 }
 
-static uint64_t find_mixed(const depth_guess *g, unsigned lanes) {
+/* Mixes what it can of the texels from guesses of those origins, earlier ones first; returns
+ * those. */
+static uint64_t mix_guessed(depth_mixer *m, depth_rays *rays, uint64_t texels,
+                            const depth_memory *last, guess_origin first, guess_origin after_last) {
   uint64_t mixed = 0;
-  for (; lanes; lanes &= lanes - 1) mixed |= 1ull << g->texels[__builtin_ctz(lanes)];
-  return mixed;
-}
-
-/* Mixes what it can of the texels from what is guessed; returns those. */
-static uint64_t mix_guessed(depth_mixer *m, const depth_cell *cell, depth_rays *rays,
-                            uint64_t texels, const depth_memory *last, guess_origin origin) {
-  uint64_t mixed = 0;
-  while (texels) {
-    depth_guess g;
-    pick(last, origin, &texels, &g);
-    if (g.count > 0) mixed |= find_mixed(&g, m->kernel->mix(cell, rays, &g));
+  depth_guess g = {.count = 0};
+  for (; texels; texels &= texels - 1) {
+    const uint32_t k = (uint32_t)__builtin_ctzll(texels);
+    for (guess_origin origin = first; origin < after_last && !(mixed >> k & 1); origin++) {
+      float code, wanted;
+      if (guess(last, k, origin, &code, &wanted)) add_guess(&g, k, code, wanted);
+      if (g.count < LANES) continue;
+      mixed |= m->kernel->mix(&m->field, rays, &g);
+      g.count = 0;
+    }
   }
-  return mixed;
+  if (g.count == 0) return mixed;
+  repeat_first(&g);
+  return mixed | m->kernel->mix(&m->field, rays, &g);
 }
 
-/* The same without guesses. */
-static uint64_t mix_sought(depth_mixer *m, const depth_cell *cell, depth_rays *rays,
-                           uint64_t texels) {
+/* The same without guesses. Slices are followed along eight rays at once, or four slices along one
+ * where there are few. */
+static uint64_t mix_sought(depth_mixer *m, depth_rays *rays, uint64_t texels) {
+  enum { FEW = 3 };
   uint64_t mixed = 0;
   while (texels) {
     depth_guess g = {.count = 0};
-    for (int l = 0; l < LANES; l++) g.wanted[l] = LEAST_NEAR;
-    g.count = take_eight(&texels, g.texels);
-    mixed |= find_mixed(&g, m->kernel->seek(cell, rays, &g));
+    for (; texels && g.count < LANES; texels &= texels - 1)
+      add_guess(&g, (uint32_t)__builtin_ctzll(texels), 0, LEAST_NEAR);
+    repeat_first(&g);
+    if (g.count > FEW)
+      mixed |= m->kernel->seek(&m->field, rays, &g);
+    else
+      for (int l = 0; l < g.count; l++)
+        mixed |= (uint64_t)m->kernel->seek_alone(&m->field, rays, g.texels[l], 1, LEAST_NEAR)
+                 << g.texels[l];
   }
   return mixed;
 }
 
-/* The texels that the four slices around did not serve last time. */
-static uint64_t find_poor(const depth_memory *last) {
-  uint64_t poor = 0;
-  for (int k = 0; k < 64; k++)
-    poor |= (uint64_t)(last->kind[k] == SEEN_WIDE || last->kind[k] == SEEN_NOT) << k;
-  return poor;
+static uint64_t find_kind(const uint8_t kinds[64], uint8_t kind) {
+  uint64_t found = 0;
+  for (int k = 0; k < 64; k++) found |= (uint64_t)(kinds[k] == kind) << k;
+  return found;
 }
 
-/* Mixes texels of a cell that are not steady; returns those that were foretold. */
-static uint64_t mix_rest(depth_mixer *m, const depth_cell *cell, depth_rays *rays, uint64_t left,
+/* Mixes texels near the heights where they were; returns those that it could. All that they need is
+ * asked for before any of it is read. */
+static uint64_t mix_steady(depth_mixer *m, depth_rays *rays, const depth_memory *last,
+                           uint64_t steady) {
+  depth_aim aims[8];
+  int count = 0;
+  uint64_t mixed = 0;
+  for (int row = 0; row < 8; row++) {
+    const unsigned lanes = steady >> 8 * row & 0xff;
+    if (lanes) m->kernel->aim(&m->field, rays, last, row, lanes, &aims[count++]);
+  }
+  for (int i = 0; i < count; i++)
+    mixed |= (uint64_t)m->kernel->mix_aimed(&m->field, rays, &aims[i]) << 8 * aims[i].row;
+  return mixed;
+}
+
+static void mix_four_tap(depth_mixer *m, depth_rays *rays, uint64_t texels, uint8_t kinds[64]) {
+  while (texels) {
+    depth_guess g = {.count = 0};
+    for (; texels && g.count < LANES; texels &= texels - 1) {
+      const uint32_t k = (uint32_t)__builtin_ctzll(texels);
+      kinds[k] = SEEN_NOT;
+      add_guess(&g, k, 0, 0);
+    }
+    repeat_first(&g);
+    m->kernel->mix_four_tap(&m->field, rays, &g);
+  }
+}
+
+/* Mixes what it can of the texels from sixteen slices, as last time; returns those. */
+static uint64_t mix_wide(depth_mixer *m, depth_rays *rays, uint64_t texels,
                          const depth_memory *last, uint8_t kinds[64]) {
-  uint64_t foretold = 0;
-  for (int origin = 0; origin < GUESS_COUNT && left; origin++) {
-    uint64_t found = mix_guessed(m, cell, rays, left, last, (guess_origin)origin);
-    foretold |= found, left &= ~found;
+  uint64_t mixed = 0;
+  for (; texels; texels &= texels - 1) {
+    const uint32_t k = (uint32_t)__builtin_ctzll(texels);
+    if (!m->kernel->mix_wide(&m->field, rays, k, (float)last->code[k] / 256, wanted_score(last, k)))
+      continue;
+    kinds[k] = SEEN_WIDE;
+    mixed |= 1ull << k;
   }
-  for (uint64_t poor = left & find_poor(last); poor; poor &= poor - 1) {
-    uint32_t k = (uint32_t)__builtin_ctzll(poor);
-    if (mix_again(m, rays, k, last)) kinds[k] = last->kind[k], left &= ~(1ull << k);
-  }
-  left &= ~mix_sought(m, cell, rays, left);
+  return mixed;
+}
+
+/* Mixes texels that are not steady; returns those that were foretold. Those that the four slices
+ * around did not serve last time are taken to be so still, unless they are to `try` their
+ * neighbours' heights. */
+static uint64_t mix_rest(depth_mixer *m, depth_rays *rays, uint64_t left, const depth_memory *last,
+                         bool try, uint8_t kinds[64]) {
+  const uint64_t wide = left & find_kind(last->kind, SEEN_WIDE);
+  const uint64_t blind = left & find_kind(last->kind, SEEN_NOT);
+  if (!try) left &= ~blind & ~mix_wide(m, rays, wide, last, kinds);
+  uint64_t foretold = mix_guessed(m, rays, left, last, GUESS_LOWER, GUESS_RIGHT);
+  foretold |= mix_guessed(m, rays, left & ~foretold, last, GUESS_RIGHT, GUESS_COUNT);
+  left &= ~foretold & ~blind;
+  if (try) left &= ~mix_wide(m, rays, left & wide, last, kinds);
+  if (left) left &= ~mix_sought(m, rays, left);
+  uint64_t unseen = blind & ~foretold;
   for (; left; left &= left - 1) {
-    uint32_t k = (uint32_t)__builtin_ctzll(left);
-    kinds[k] = mix_alone(m, rays, k);
+    const uint32_t k = (uint32_t)__builtin_ctzll(left);
+    if (m->kernel->seek_alone(&m->field, rays, k, 2, LEAST_WIDE))
+      kinds[k] = SEEN_WIDE;
+    else
+      unseen |= 1ull << k;
   }
+  mix_four_tap(m, rays, unseen, kinds);
   return foretold;
 }
 
@@ -523,37 +260,33 @@ static void count_texels(depth_mix_counts *counts, uint64_t mask, uint64_t foret
   }
 }
 
+/* The slices that some of the texels read stay longer than others. */
+static void use_slices(depth_pages *p, const depth_rays *rays) {
+  p->now++;
+  for (int k = 0; k < 64; k += 9)
+    for (int32_t corner = 0; corner < 4; corner++) {
+      const int32_t past = corner & 1 ? (int32_t)p->t_count + 1 : 0;
+      p->slices[rays->cell[k] + past + (corner >> 1)].used = p->now;
+    }
+}
+
 void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
                      const block_directions *directions, uint16_t *out, size_t row_nbytes) {
   depth_rays rays;
-  depth_cell cells[64];
-  uint64_t texels[64]; /* of each cell */
-  depth_aim aims[64];
   uint8_t kinds[64];
-  int cell_count = 0, aim_count = 0;
-  depth_pages_make_room(&m->pages);
-  depth_memory *now = recall(m, (size_t)block_v * m->block_u_count + block_u);
+  depth_pages_make_room(&m->field.pages);
+  bool try;
+  depth_memory *now = recall(m, (size_t)block_v * m->block_u_count + block_u, &try);
   const depth_memory last = *now;
-  const uint64_t steady = m->kernel->find_steady(&last);
-  uint64_t foretold = 0;
+  const uint64_t steady = m->kernel->find_steady(&last) & directions->mask;
   memset(kinds, SEEN_NEAR, sizeof kinds);
-  m->kernel->place(&m->geometry, block_u, block_v, directions, &rays);
-  if (~directions->mask) memset(rays.rgba, 0, sizeof rays.rgba);
-  for (uint64_t left = directions->mask; left; left &= ~texels[cell_count++]) {
-    int32_t at = rays.cell[__builtin_ctzll(left)];
-    cells[cell_count] =
-        find_cell(m, (uint32_t)at / m->geometry.t_count, (uint32_t)at % m->geometry.t_count);
-    texels[cell_count] = m->kernel->find_cell(&rays, at) & left;
-    for (uint64_t k = texels[cell_count] & steady; k;) {
-      uint8_t eight[LANES] = {0};
-      int count = take_eight(&k, eight);
-      m->kernel->aim(&cells[cell_count], &rays, &last, eight, count, &aims[aim_count++]);
-    }
-  }
-  for (int i = 0; i < aim_count; i++)
-    foretold |= find_mixed(&aims[i].guess, m->kernel->mix_aimed(&rays, &aims[i]));
-  for (int i = 0; i < cell_count; i++)
-    foretold |= mix_rest(m, &cells[i], &rays, texels[i] & ~foretold, &last, kinds);
+  m->kernel->place(&m->field, block_u, block_v, directions, &rays);
+  use_slices(&m->field.pages, &rays);
+  uint64_t foretold = mix_steady(m, &rays, &last, steady);
+  if (directions->mask & ~foretold)
+    foretold |= mix_rest(m, &rays, directions->mask & ~foretold, &last, try, kinds);
+  for (uint64_t left = ~directions->mask; left; left &= left - 1)
+    memset(rays.rgba[__builtin_ctzll(left)], 0, sizeof *rays.rgba);
   count_texels(&m->counts, directions->mask, foretold, kinds);
   m->kernel->remember(&rays, kinds, directions->mask, now);
   m->kernel->put(&rays, out, row_nbytes);
@@ -566,46 +299,49 @@ void depth_mixer_use_kernel(depth_mixer *m, resample_kernel kernel) {
 #endif
 }
 
+/* Of the slices by number; NULL if memory ran out. */
+static float (*find_slopes(const depth_pages *p, const float scale[4]))[2] {
+  float(*slopes)[2] = calloc(p->slice_count, sizeof *slopes);
+  for (uint32_t number = 0; slopes && number < p->slice_count; number++) {
+    const uint32_t i = number / (p->t_count + 1), j = number % (p->t_count + 1);
+    double d[3];
+    slopes[number][0] = slopes[number][1] = NAN;
+    if (i == p->s_count || j == p->t_count || !slf_slice_exists(p->s_count, p->t_count, i, j))
+      continue;
+    slf_direction((i + 0.5) / p->s_count, (j + 0.5) / p->t_count, SLF_BAKED_N_MIN, d);
+    slopes[number][0] = (scale[0] * (float)d[0] + scale[1] * (float)d[1]) / (float)d[2];
+    slopes[number][1] = (scale[2] * (float)d[0] + scale[3] * (float)d[1]) / (float)d[2];
+  }
+  return slopes;
+}
+
 depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
                                 const slf_layer *height, block_source heights,
                                 const slf_surface *surface, uint32_t u_count, uint32_t v_count) {
   depth_mixer *m = calloc(1, sizeof *m);
   if (!m) return NULL;
-  m->geometry.s_count = reflected->s_count, m->geometry.t_count = reflected->t_count;
-  m->u_end = (float)reflected->u_count + 0.5f, m->v_end = (float)reflected->v_count + 0.5f;
-  m->geometry.texel_u = (float)reflected->u_count / (float)u_count;
-  m->geometry.texel_v = (float)reflected->v_count / (float)v_count;
-  float *scale = m->geometry.scale;
+  depth_field *f = &m->field;
+  f->texel_u = (float)reflected->u_count / (float)u_count;
+  f->texel_v = (float)reflected->v_count / (float)v_count;
+  f->unit = height->height_unit;
   bool wrap_u = surface->flags & SLF_SURFACE_WRAP_U;
-  bool flat = flat_texel_scale(&surface->mesh, reflected->u_count, reflected->v_count, scale);
+  bool flat = flat_texel_scale(&surface->mesh, reflected->u_count, reflected->v_count, f->scale);
   if (!flat) {
-    memcpy(scale, (float[4]){1, 0, 0, 1}, 4 * sizeof *scale);
-    m->frames = depth_frames_create(&surface->mesh, reflected->u_count, reflected->v_count, wrap_u);
+    memcpy(f->scale, (float[4]){1, 0, 0, 1}, sizeof f->scale);
+    f->frames = depth_frames_create(&surface->mesh, reflected->u_count, reflected->v_count, wrap_u);
   }
-  m->unit = height->height_unit;
-  m->slopes = calloc((size_t)m->geometry.s_count * m->geometry.t_count, sizeof *m->slopes);
   depth_mixer_use_kernel(m, RESAMPLE_BEST);
   m->block_u_count = (u_count + 7) / 8;
   size_t block_count = (size_t)m->block_u_count * ((v_count + 7) / 8);
   m->last = calloc(block_count, sizeof *m->last);
   m->visits = calloc(block_count, 1);
-  if (!depth_pages_create(&m->pages, reflected, light, height, heights) || !m->slopes || !m->last ||
-      !m->visits || (!flat && !m->frames)) {
+  if (depth_pages_create(&f->pages, reflected, light, height, heights))
+    f->slopes = find_slopes(&f->pages, f->scale);
+  if (!f->slopes || !m->last || !m->visits || (!flat && !f->frames)) {
     depth_mixer_free(m);
     return NULL;
   }
-  m->pages.wrap_u = wrap_u && !flat;
-  for (uint32_t i = 0; i < m->geometry.s_count; i++)
-    for (uint32_t j = 0; j < m->geometry.t_count; j++) {
-      double d[3];
-      float *q = m->slopes[i * m->geometry.t_count + j];
-      q[0] = NAN;
-      if (!slf_slice_exists(m->geometry.s_count, m->geometry.t_count, i, j)) continue;
-      slf_direction((i + 0.5) / m->geometry.s_count, (j + 0.5) / m->geometry.t_count,
-                    SLF_BAKED_N_MIN, d);
-      q[0] = (scale[0] * (float)d[0] + scale[1] * (float)d[1]) / (float)d[2];
-      q[1] = (scale[2] * (float)d[0] + scale[3] * (float)d[1]) / (float)d[2];
-    }
+  f->pages.wrap_u = wrap_u && !flat;
   return m;
 }
 
@@ -615,10 +351,10 @@ const depth_mix_counts *depth_mixer_counts(const depth_mixer *m) {
 
 void depth_mixer_free(depth_mixer *m) {
   if (!m) return;
-  free(m->slopes);
-  free(m->frames);
+  free(m->field.slopes);
+  free(m->field.frames);
   free(m->last);
   free(m->visits);
-  depth_pages_free(&m->pages);
+  depth_pages_free(&m->field.pages);
   free(m);
 }

@@ -3,11 +3,20 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 enum { MOST_PAGES = 1 << 18 /* 85 MB */ };
 
 static uint32_t smaller(uint32_t a, uint32_t b) {
   return a < b ? a : b;
+}
+
+/* Slices begin on pages of the system, to be given back one by one; an odd number of those apart,
+ * so that the same texels of all slices do not fall on the same lines of a cache. */
+static uint64_t spread_slices(uint64_t nbytes) {
+  const uint64_t of_system = (uint64_t)sysconf(_SC_PAGESIZE);
+  return ((nbytes + of_system - 1) / of_system | 1) * of_system;
 }
 
 bool depth_pages_create(depth_pages *p, const slf_layer *light, block_source light_source,
@@ -18,51 +27,47 @@ bool depth_pages_create(depth_pages *p, const slf_layer *light, block_source lig
                      .block_v_count = (light->v_count + 7) / 8,
                      .height_u_count = heights->u_count,
                      .height_v_count = heights->v_count,
+                     .s_count = light->s_count,
                      .t_count = light->t_count,
                      .light = light_source,
                      .heights = heights_source};
   for (int code = 0; code < 256; code++)
     p->root[code] = (uint8_t)(255 * sqrtf(slf_linear_from_srgb((uint8_t)code)) + 0.5f);
   p->most_pages = MOST_PAGES;
-  p->slice_count = light->s_count * light->t_count;
+  p->slice_count = (p->s_count + 1) * (p->t_count + 1);
+  const uint64_t slice_nbytes =
+      spread_slices((uint64_t)p->block_u_count * p->block_v_count * PAGE_NBYTES);
+  if (p->slice_count * (slice_nbytes / 4) >= INT32_MAX) return false;
+  p->slice_texels = (uint32_t)(slice_nbytes / 4);
   p->slices = calloc(p->slice_count, sizeof *p->slices);
-  return p->slices;
-}
-
-static void forget_slice(depth_pages *p, depth_slice *slice) {
-  p->page_count -= slice->page_count;
-  free(slice->bytes);
-  free(slice->there);
-  *slice = (depth_slice){0};
+  if (!p->slices) return false;
+  p->nbytes = (size_t)(p->slice_count * slice_nbytes);
+  void *range = mmap(NULL, p->nbytes, PROT_READ | PROT_WRITE,
+                     MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+  if (range == MAP_FAILED) return false;
+  p->bytes = range;
+  return true;
 }
 
 void depth_pages_free(depth_pages *p) {
-  for (uint32_t i = 0; i < p->slice_count && p->slices; i++) forget_slice(p, &p->slices[i]);
+  if (p->bytes) munmap(p->bytes, p->nbytes);
   free(p->slices);
   *p = (depth_pages){0};
 }
 
-const depth_slice *depth_pages_slice(depth_pages *p, uint32_t s_index, uint32_t t_index) {
-  depth_slice *slice = &p->slices[s_index * p->t_count + t_index];
-  const size_t count = (size_t)p->block_u_count * p->block_v_count;
-  slice->used = ++p->now;
-  if (slice->bytes) return slice;
-  /* A read of eight bytes begins with the last texel but one. */
-  slice->bytes = malloc(count * PAGE_NBYTES);
-  slice->there = calloc((count + 31) / 32, sizeof *slice->there);
-  slice->s_index = s_index, slice->t_index = t_index;
-  if (slice->bytes && slice->there) return slice;
-  forget_slice(p, slice);
-  return NULL;
-}
-
 void depth_pages_make_room(depth_pages *p) {
   while (p->page_count > p->most_pages) {
-    depth_slice *oldest = NULL;
+    uint32_t oldest = UINT32_MAX;
     for (uint32_t i = 0; i < p->slice_count; i++)
-      if (p->slices[i].bytes && (!oldest || p->slices[i].used < oldest->used))
-        oldest = &p->slices[i];
-    forget_slice(p, oldest);
+      if (p->slices[i].page_count > 0 &&
+          (oldest == UINT32_MAX || p->slices[i].used < p->slices[oldest].used))
+        oldest = i;
+    const size_t nbytes = (size_t)p->slice_texels * 4;
+    /* What the system takes back reads as zeros. */
+    if (madvise(p->bytes + oldest * nbytes, nbytes, MADV_DONTNEED))
+      memset(p->bytes + oldest * nbytes, 0, nbytes);
+    p->page_count -= p->slices[oldest].page_count;
+    p->slices[oldest].page_count = 0;
   }
 }
 
@@ -111,21 +116,21 @@ static void fetch_heights(const depth_pages *p, slice_index slice, uint32_t bloc
     }
 }
 
-void depth_pages_load(depth_pages *p, const depth_slice *of, uint32_t block) {
+void depth_pages_load(depth_pages *p, uint32_t texel) {
+  const uint32_t number = texel / p->slice_texels, block = texel % p->slice_texels / PAGE_TEXELS;
+  uint8_t *page = p->bytes + 4 * ((size_t)number * p->slice_texels + block * PAGE_TEXELS);
+  if (page[3]) return;
   uint8_t light[9][9][4], heights[9][9][4];
-  depth_slice *slice = &p->slices[of->s_index * p->t_count + of->t_index];
-  const slice_index index = (slice_index)(slice->s_index << 8 | slice->t_index);
+  const slice_index index =
+      (slice_index)(number / (p->t_count + 1) << 8 | number % (p->t_count + 1));
   const uint32_t block_u = block % p->block_u_count, block_v = block / p->block_u_count;
   fetch_texels(p->light, index, block_u, block_v, p->u_count, p->v_count, light);
   fetch_heights(p, index, block_u, block_v, heights);
-  uint8_t *page = slice->bytes + (size_t)block * PAGE_NBYTES;
   for (int y = 0; y < 9; y++)
-    for (int x = 0; x < 9; x++) {
-      const uint8_t *code = light[y][x];
-      uint8_t *texel = page + y * PAGE_ROW_NBYTES + x * 4;
-      texel[0] = p->root[code[0]], texel[1] = p->root[code[1]], texel[2] = p->root[code[2]];
-      texel[3] = heights[y][x][1];
+    for (int x = 0; x < 9; x++, page += 4) {
+      const uint8_t *code = light[y][x], height = heights[y][x][1];
+      page[0] = p->root[code[0]], page[1] = p->root[code[1]], page[2] = p->root[code[2]];
+      page[3] = height > 0 ? height : 1;
     }
-  slice->there[block / 32] |= 1u << block % 32;
-  slice->page_count++, p->page_count++;
+  p->slices[number].page_count++, p->page_count++;
 }

@@ -5,9 +5,11 @@
  *
  * mix: a texel of the file's first layer that has heights, against the four-tap mix of the same
  * texels out of the same block cache, in flights from the file's views. A flight is 9 frames, 0.02
- * units aside each; the first, which knows nothing of the heights, is told apart. `as_drawn` are
- * twice as many texels each way, as the viewer makes them. Both mixes make each frame in turn, on
- * one thread, what they read being decompressed.
+ * units aside each; the first, which knows nothing of the heights, is told apart. It is flown
+ * twice: `unread` are the frames of the first time, which bring in what was not read before, and
+ * all other figures are of the second. `as_drawn` are twice as many texels each way, as the viewer
+ * makes them. Both mixes make each frame in turn, on one thread; what the four-tap mix reads is
+ * decompressed.
  *
  * pond: whole frames of disturbed water, 640x480 with software GL. */
 #include <math.h>
@@ -88,17 +90,21 @@ static void measure_mix(const slf_file *file, uint32_t fineness, const char *nam
                                finer.u_count, finer.v_count)))
     fail("out of memory");
   double four_tap_ns[MAX_VIEWS], ns[MAX_VIEWS], ratios[MAX_VIEWS], first[MAX_VIEWS];
+  double unread[MAX_VIEWS];
   size_t count = 0;
   for (uint32_t i = 0; i < slf_view_count(file) && count < MAX_VIEWS; i++, count++) {
+    const flight before = fly(&four_tap, &by_depth, *slf_get_view(file, i));
     const flight f = fly(&four_tap, &by_depth, *slf_get_view(file, i));
     four_tap_ns[count] = f.four_tap_ns, ns[count] = f.ns;
-    ratios[count] = f.ns / f.four_tap_ns, first[count] = f.first_ns / f.four_tap_ns;
+    ratios[count] = f.ns / f.four_tap_ns, unread[count] = before.ns / before.four_tap_ns;
+    first[count] = before.first_ns / before.four_tap_ns;
   }
   const depth_mix_counts *counts = depth_mixer_counts(by_depth.depth);
   const double texels = (double)counts->texel_count;
   print_figure("depth_four_tap_ns_per_texel", name, median(four_tap_ns, count));
   print_figure("depth_ns_per_texel", name, median(ns, count));
   print_figure("depth_resample_vs_four_tap", name, median(ratios, count));
+  print_figure("depth_resample_vs_four_tap_unread", name, median(unread, count));
   print_figure("depth_resample_vs_four_tap_first_frame", name, median(first, count));
   print_figure("depth_foretold_fraction", name, (double)counts->foretold_count / texels);
   print_figure("depth_wide_fraction", name, (double)counts->wide_count / texels);

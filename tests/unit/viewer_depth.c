@@ -263,21 +263,25 @@ static void slices_make_room_for_others(void **state) {
   assert_true(depth_pages_create(&p, &layer, (block_source){.fetch = fetch, .context = &light},
                                  &layer, (block_source){.fetch = fetch, .context = &heights}));
   p.most_pages = 6;
+  const uint32_t of_first = (4 * (DIRECTIONS + 1) + 2) * p.slice_texels + 9 * PAGE_TEXELS;
   for (uint32_t t = 2; t <= 5; t++) {
-    const depth_slice *slice = depth_pages_slice(&p, 4, t);
-    for (uint32_t block = 9; block < 12; block++) depth_pages_load(&p, slice, block);
-    if (t == 2) memcpy(first, slice->bytes + 9 * PAGE_NBYTES, sizeof first);
+    const uint32_t number = 4 * (DIRECTIONS + 1) + t;
+    p.slices[number].used = t;
+    for (uint32_t block = 9; block < 12; block++)
+      depth_pages_load(&p, number * p.slice_texels + block * PAGE_TEXELS + block);
+    if (t == 2) memcpy(first, p.bytes + 4 * (size_t)of_first, sizeof first);
     depth_pages_make_room(&p);
     assert_true(p.page_count <= 6);
   }
   /* The first went, the last two stayed. */
-  assert_null(p.slices[4 * DIRECTIONS + 2].bytes);
-  assert_int_equal(p.slices[4 * DIRECTIONS + 4].page_count, 3);
-  assert_int_equal(p.slices[4 * DIRECTIONS + 5].there[0], 7 << 9);
-  const depth_slice *again = depth_pages_slice(&p, 4, 2);
-  assert_int_equal(again->there[0], 0);
-  depth_pages_load(&p, again, 9);
-  assert_memory_equal(again->bytes + 9 * PAGE_NBYTES, first, sizeof first);
+  for (int k = 0; k < PAGE_NBYTES; k++) assert_int_equal(p.bytes[4 * (size_t)of_first + k], 0);
+  const depth_slice *slices = p.slices + 4 * (DIRECTIONS + 1);
+  assert_int_equal(slices[2].page_count, 0);
+  assert_int_equal(slices[4].page_count, 3);
+  assert_int_equal(slices[5].page_count, 3);
+  depth_pages_load(&p, of_first + 80);
+  assert_int_equal(slices[2].page_count, 1);
+  assert_memory_equal(p.bytes + 4 * (size_t)of_first, first, sizeof first);
   depth_pages_free(&p);
 }
 
