@@ -69,7 +69,8 @@ static uint32_t ac_entry(const huffman_decoder *decoder, const huffman_decoder *
 
 static uint8_t dc_entry(const huffman_decoder *decoder, uint32_t window) {
   unsigned bits, size = huffman_read(decoder, 1, window << (16 - FAST_DC_BITS), &bits);
-  return bits != 0 && bits <= FAST_DC_BITS && size <= 15 ? (uint8_t)(bits | size << 4) : LONG_DC;
+  return bits != 0 && bits <= FAST_DC_BITS && size <= FAST_DC_SIZE ? (uint8_t)(bits | size << 4)
+                                                                   : LONG_DC;
 }
 
 static uint16_t head_entry(const huffman_decoder *decoder, uint32_t window) {
@@ -86,10 +87,11 @@ static uint16_t pass_entry(const block_tables *tables, unsigned state, uint32_t 
     unsigned size = symbol == SYMBOL_ESCAPE ? 22 : symbol & 15;
     if (bits == 0 || bits > left) break;
     if (size == 0 && symbol != SYMBOL_END && symbol != SYMBOL_RUN_16) break;
+    if (taken + bits + size > PASS_MAX_TAKEN) break;
     taken += bits + size;
     state = symbol == SYMBOL_END ? pass_next_channel(state) : state | 1;
   }
-  return (uint16_t)(taken ? taken | state << 5 : 0);
+  return (uint16_t)(taken ? taken | state << 6 : 0);
 }
 
 static uint8_t bare_heads_entry(const block_tables *tables, uint32_t window) {
@@ -121,7 +123,7 @@ void block_tables_make(const block_codes *codes, block_tables *tables) {
   for (uint32_t w = 0; w < 1u << PASS_BITS; w++) {
     tables->bare_heads[w] = bare_heads_entry(tables, w);
     for (unsigned i = 0; i < PASS_STATES; i++) tables->pass[i][w] = pass_entry(tables, i, w);
-    tables->pass[PASS_END][w] = PASS_END << 5;
+    tables->pass[PASS_END][w] = PASS_END << 6;
   }
   memset(tables->dc[NO_DC], 0, sizeof tables->dc[NO_DC]);
   tables->may_lean = false;

@@ -68,7 +68,14 @@ static inline int32_t extend(uint32_t value, unsigned size) {
  * then the level. A DC entry: bits 0-3 how many bits the code takes, 4-7 and then the level; 0 if
  * the code has more than FAST_DC_BITS. Small entries: the tables of a scheme fit in a first-level
  * cache. */
-enum { FAST_END = 1 << 6, FAST_MAX_LEVEL = 63, FAST_READS = 5, LONG_DC = 255, NO_DC = 4 };
+enum {
+  FAST_END = 1 << 6,
+  FAST_MAX_LEVEL = 63,
+  FAST_READS = 5,
+  FAST_DC_SIZE = 14, /* a head and two DC levels: 9 + 2 x (9 + 14) bits, which a refill gives */
+  LONG_DC = 255,
+  NO_DC = 4
+};
 static inline unsigned fast_taken(uint32_t entry) {
   return entry & 63;
 }
@@ -92,10 +99,11 @@ static inline int32_t fast_second_level(uint32_t entry) {
 }
 
 /* To pass over AC levels, only their bits are counted. A state is what of a block is still to come:
- * residual or not, the channels, the first level of a channel or a later one. An entry: bits 0-4
- * bits taken by the symbols whose codes PASS_BITS show whole; 5-9 the state behind them; 0 if there
- * is none. At the end nothing is taken. */
-enum { PASS_BITS = 9, PASS_STATES = 20, PASS_END = PASS_STATES, PASS_MAX_TAKEN = 31 };
+ * residual or not, the channels, the first level of a channel or a later one. An entry: bits 0-5
+ * bits taken by the symbols whose codes PASS_BITS show whole, so few that two such steps fit in
+ * what a refill gives; 6-10 the state behind them; 0 if there is none. At the end nothing is taken.
+ */
+enum { PASS_BITS = 9, PASS_STATES = 20, PASS_END = PASS_STATES, PASS_MAX_TAKEN = 28 };
 static inline unsigned pass_state(int residual, unsigned flags) {
   static const uint8_t states[2][8] = {{PASS_END, 4, 0, 6, 0, 6, 2, 8},
                                        {PASS_END, 14, 10, 16, 10, 16, 12, 18}};
@@ -134,9 +142,9 @@ typedef struct {
   uint32_t anchor; /* that block's number in the entry */
 } entry_state;
 
-static inline void entry_begin(entry_state *state) {
+static inline void entry_begin(entry_state *state, const int16_t dc_begin[3]) {
   state->ac_flags = 7;
-  state->intra_dc[0] = state->intra_dc[1] = state->intra_dc[2] = 0;
+  for (int channel = 0; channel < 3; channel++) state->intra_dc[channel] = dc_begin[channel];
   state->predictor = PREDICT_INTRA;
   state->shift_u = state->shift_v = 0;
   state->anchor = 0;

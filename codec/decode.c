@@ -20,8 +20,8 @@ static inline void begin_at(entry_reader *r, const entry_site *site, uint64_t bi
   r->entry = site->entry;
   r->next = 0;
   r->has_levels = false;
-  reader_begin(&r->reader, &site->stream->blocks, bit);
-  entry_begin(&r->state);
+  reader_begin(&r->reader, &site->stream->blocks, site->entry, bit);
+  entry_begin(&r->state, site->stream->dc_begin);
 }
 
 /* How many blocks of its entry stand before a block and before all that it may lean on. */

@@ -13,7 +13,8 @@
 
 enum {
   MAX_STEP = 3900,
-  ENTRY_BITS = 200,      /* an entry's bits are worth its index: 10 of them */
+  PAIR_BITS = 200,       /* a pair's bits are worth its index: 11 of them, */
+  PART_PAIR_BITS = 400,  /* and if it is less than a place, DC that begins anew */
   SAMPLED_SLICES = 24,   /* the colours are made from so many slices, */
   SAMPLED_UNITS = 24,    /* the codes are made from places of so many units, */
   SAMPLED_PLACES = 3072, /* so many places in all, */
@@ -445,10 +446,16 @@ static bool is_sampled_alone(const block_site *site, bool measured) {
          layer_chain_start(layer, site->s, site->t) != site->s;
 }
 
+static place_state begin_entry(const layer_stream *stream) {
+  place_state state = {.has_previous = false};
+  memcpy(state.intra_dc, stream->dc_begin, sizeof state.intra_dc);
+  return state;
+}
+
 /* A place's first block leans on none before it, and in an entry of its own it begins anew. */
-static void begin_part(place_state *state, int width) {
+static void begin_part(place_state *state, const layer_stream *stream) {
   state->has_previous = false;
-  if (width < QUAD_SLICES) memset(state->intra_dc, 0, sizeof state->intra_dc);
+  if (stream->parts_log2) memcpy(state->intra_dc, stream->dc_begin, sizeof state->intra_dc);
 }
 
 /* Chooses and puts a place's blocks, each part's to its own sink. Returns their squared error where
@@ -459,13 +466,14 @@ static uint64_t put_place(const layer_encoder *e, stream_kind kind, const unit_s
   bool motion = e->layer.public.angular == SLF_ANGULAR_MOTION;
   block_choice choices[QUAD_SLICES];
   uint64_t error = 0;
-  int width = QUAD_SLICES >> e->layer.streams[kind].parts_log2;
+  const layer_stream *stream = &e->layer.streams[kind];
+  int width = QUAD_SLICES >> stream->parts_log2;
   /* Motion goes along S, from column to column; else each block may lean on the one before. */
   for (int column = 0; column < 2; column++)
     for (int i = 0; i < unit->slice_count; i++) {
       if (motion ? (int)(unit->s[i] & 1) != column : column) continue;
       block_site site = site_at(e, kind, unit, i, place);
-      if (i % width == 0) begin_part(state, width);
+      if (i % width == 0) begin_part(state, stream);
       choose_block(&site, blocks[i], state, &choices[i]);
       if (motion) keep_decoded(&site, state);
       if (measured) error += block_error(e, e->slices[i], place, state->previous);
@@ -473,7 +481,7 @@ static uint64_t put_place(const layer_encoder *e, stream_kind kind, const unit_s
     }
   for (int i = 0; motion && i < unit->slice_count; i++) {
     block_site site = site_at(e, kind, unit, i, place);
-    if (i % width == 0) begin_part(state, width);
+    if (i % width == 0) begin_part(state, stream);
     if (!is_sampled_alone(&site, measured)) put_block(&sinks[i / width], &choices[i], state);
   }
   return error;
@@ -645,7 +653,8 @@ static void count_places(void *context, uint64_t task) {
   symbol_sink sinks[QUAD_SLICES] = {counter, counter, counter, counter};
   for (uint64_t i = task * PLACES_A_TASK; i < end; i++) {
     coefficients left[2] = {{{0}}};
-    place_state state = {.left = {left[0], left[1]}};
+    place_state state = begin_entry(&tr->encoder->layer.streams[tr->kind]);
+    for (int k = 0; k < 2; k++) state.left[k] = left[k];
     put_place(tr->encoder, tr->kind, &tr->places[i].unit, tr->places[i].place, tr->places[i].blocks,
               sinks, false, &state);
   }
@@ -695,11 +704,25 @@ static void choose_run(layer_encoder *e, stream_kind kind, uint64_t counts[CODE_
     }
   bits /= (double)place_count;
   uint32_t run_log2 = 0, parts_log2 = 0;
-  while (run_log2 < MAX_RUN_LOG2 && bits * (1u << run_log2) < ENTRY_BITS) run_log2++;
+  while (run_log2 < MAX_RUN_LOG2 && bits * (2u << run_log2) < PAIR_BITS) run_log2++;
   while (kind == STREAM_REST && parts_log2 < MAX_PARTS_LOG2 &&
-         bits / (2u << parts_log2) > ENTRY_BITS)
+         bits / (1u << parts_log2) > PART_PAIR_BITS)
     parts_log2++;
-  layer_set_run(&e->layer, kind, run_log2, parts_log2);
+  layer_set_run(&e->layer, kind, run_log2, parts_log2, true);
+}
+
+/* DC of INTRA begins at the mean. */
+static void choose_dc_begin(layer_encoder *e, const training *tr) {
+  float step_scale = (float)e->layer.gains[tr->kind] / (float)e->layer.gains[STREAM_REST];
+  for (int c = 0; c < 3; c++) {
+    double sum = 0, count = 0;
+    for (uint64_t i = 0; i < tr->place_count; i++)
+      for (int k = 0; k < tr->places[i].unit.slice_count; k++, count++)
+        sum += tr->places[i].blocks[k][c][0];
+    double mean = sum / fmax(count, 1) / (e->steps[c][0] * step_scale);
+    e->layer.streams[tr->kind].dc_begin[c] =
+        (int16_t)lrint(fmax(-MAX_LEVEL, fmin(MAX_LEVEL, mean)));
+  }
 }
 
 static slf_result train(layer_encoder *e, training *tr, slf_error *error) {
@@ -707,14 +730,16 @@ static slf_result train(layer_encoder *e, training *tr, slf_error *error) {
   tr->counts = malloc(tasks * sizeof *tr->counts);
   if (!tr->counts) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", e->name);
   costs_guess(&e->costs);
+  choose_dc_begin(e, tr);
   for (int round = 0; round < TRAINING_ROUNDS; round++) {
-    uint64_t sum[CODE_COUNT][256] = {{0}};
+    uint64_t sum[CODE_COUNT][256] = {{0}}, counted[CODE_COUNT][256];
     memset(tr->counts, 0, tasks * sizeof *tr->counts);
     parallel_for(e->thread_count, tasks, count_places, tr);
     for (uint64_t i = 0; i < tasks; i++)
       for (int k = 0; k < CODE_COUNT * 256; k++) (&sum[0][0])[k] += (&tr->counts[i][0][0])[k];
+    memcpy(counted, sum, sizeof counted);
     build_codes(e, tr->kind, sum);
-    choose_run(e, tr->kind, sum, tr->place_count);
+    choose_run(e, tr->kind, counted, tr->place_count);
   }
   free(tr->counts);
   return SLF_OK;
@@ -758,7 +783,7 @@ static void put_entries(void *context, uint64_t index) {
     symbol_sink sinks[QUAD_SLICES];
     for (uint32_t part = 0; part < 1u << parts_log2; part++)
       sinks[part] = (symbol_sink){e->encoders, NULL, &task->entries[(group << parts_log2) + part]};
-    place_state state = {0};
+    place_state state = begin_entry(&e->layer.streams[task->kind]);
     for (uint64_t place = group * run; place < (group + 1) * run && place < places; place++) {
       coefficients blocks[QUAD_SLICES];
       transform_place(task, place, blocks);
@@ -824,7 +849,7 @@ static slf_result put_stream(layer_encoder *e, stream_kind kind, const float *me
   if (result == SLF_OK) result = train(e, &tr, error);
   free(tr.places);
   uint32_t index_count = mean ? 1 : unit_index_count(&e->layer, kind), done = 0;
-  stream_begin(&writer, e->scratch, stream->blocks.entry_count);
+  stream_begin(&writer, e->scratch, &stream->blocks);
   for (uint32_t index = 0; index < index_count && result == SLF_OK; index++) {
     if (!mean) {
       task.unit = unit_at(&e->layer, kind, index);
@@ -891,9 +916,9 @@ static slf_result put_base(layer_encoder *e, encoded_chunk *encoded, slf_error *
 
 static slf_result put_header(const layer_encoder *e, encoded_layer *encoded, slf_error *error) {
   const layer_state *layer = &e->layer;
-  uint8_t *b =
-      calloc(1, LAYER_FIXED_NBYTES + COLOURS_NBYTES +
-                    STREAM_COUNT * (STREAM_HEADER_NBYTES + CODE_COUNT * HUFFMAN_MAX_NBYTES));
+  uint8_t *b = calloc(1, LAYER_FIXED_NBYTES + COLOURS_NBYTES +
+                             STREAM_COUNT * (STREAM_HEADER_NBYTES + DC_BEGIN_NBYTES +
+                                             CODE_COUNT * HUFFMAN_MAX_NBYTES));
   if (!b) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", e->name);
   const slf_layer *p = &layer->public;
   b[0] = (uint8_t)p->role;
@@ -918,13 +943,14 @@ static slf_result put_header(const layer_encoder *e, encoded_layer *encoded, slf
     if (!layer_has(layer, kind)) continue;
     const layer_stream *stream = &layer->streams[kind];
     at[0] = (uint8_t)layer->gains[kind];
-    at[1] = (uint8_t)(stream->run_log2 | stream->parts_log2 << 4);
+    at[1] = (uint8_t)(stream->run_log2 | stream->parts_log2 << 4 | PAIRED);
     unsigned used = 0;
     for (int i = 0; i < CODE_COUNT; i++)
       used |= (unsigned)(stream->codes.codes[i].symbol_count > 0) << i;
     put_u16(at + 2, used);
     put_u64(at + 4, stream->payload_bits);
     at += STREAM_HEADER_NBYTES;
+    for (int i = 0; i < 3; i++, at += 2) put_u16(at, (uint16_t)stream->dc_begin[i]);
     for (int i = 0; i < CODE_COUNT; i++)
       if (used >> i & 1) at += huffman_put(&stream->codes.codes[i], at);
   }

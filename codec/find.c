@@ -8,11 +8,11 @@
 
 /* ---- Reading ------------------------------------------------------------------------------- */
 
-/* A segment: one byte low_bits, one byte high_nbytes, the low bits of the offsets of entries 1 ..,
+/* A segment: one byte low_bits, one byte high_nbytes, the low bits of the offsets of spans 1 ..,
  * packed from bit 0 up, filled to a byte; the high bits in unary, high_nbytes; then the payload. */
 typedef struct {
   uint64_t begin; /* of the segment in the stream, in bytes */
-  uint32_t entry_count;
+  uint32_t span_count;
   uint32_t low_bits, high_nbytes;
 } segment;
 
@@ -21,7 +21,7 @@ static uint64_t bytes_for_bits(uint64_t bits) {
 }
 
 static uint32_t low_nbytes(const segment *s) {
-  return (uint32_t)bytes_for_bits((uint64_t)(s->entry_count - 1) * s->low_bits);
+  return (uint32_t)bytes_for_bits((uint64_t)(s->span_count - 1) * s->low_bits);
 }
 
 /* False if its head does not lie in the stream. */
@@ -29,8 +29,8 @@ static inline __attribute__((always_inline)) bool find_segment(const block_strea
                                                                uint64_t index, segment *s) {
   uint64_t end = stream->nbytes - STREAM_PAD_NBYTES;
   s->begin = get_u48(stream->bytes + index * DIRECTORY_ENTRY_NBYTES);
-  uint64_t entries_left = stream->entry_count - index * SEGMENT_ENTRIES;
-  s->entry_count = entries_left < SEGMENT_ENTRIES ? (uint32_t)entries_left : SEGMENT_ENTRIES;
+  uint64_t spans_left = stream_span_count(stream) - index * SEGMENT_SPANS;
+  s->span_count = spans_left < SEGMENT_SPANS ? (uint32_t)spans_left : SEGMENT_SPANS;
   if (s->begin > end || end - s->begin < 2) return false;
   s->low_bits = stream->bytes[s->begin];
   s->high_nbytes = stream->bytes[s->begin + 1];
@@ -83,9 +83,9 @@ select_bit(const uint8_t *bytes, uint32_t nbytes, uint32_t rank, const uint8_t *
   return bit < nbytes * 8 ? bit : nbytes * 8;
 }
 
-/* Offset in bits of entry i of a segment from the segment's payload. */
-static inline __attribute__((always_inline)) uint64_t entry_offset(const block_stream *stream,
-                                                                   const segment *s, uint32_t i) {
+/* Offset of span i of a segment from the segment's payload: bytes of pairs, else bits. */
+static inline __attribute__((always_inline)) uint64_t span_offset(const block_stream *stream,
+                                                                  const segment *s, uint32_t i) {
   if (i == 0) return 0;
   const uint8_t *low = stream->bytes + s->begin + 2, *high = low + low_nbytes(s);
   const uint8_t *end = stream->bytes + stream->nbytes;
@@ -95,21 +95,37 @@ static inline __attribute__((always_inline)) uint64_t entry_offset(const block_s
   return high_value << s->low_bits | low_value;
 }
 
+/* Where segment `index` ends: the next one begins there, or the padding. */
+static uint64_t segment_end(const block_stream *stream, uint64_t index) {
+  return index + 1 < stream_segment_count(stream)
+             ? get_u48(stream->bytes + (index + 1) * DIRECTORY_ENTRY_NBYTES)
+             : stream->nbytes - STREAM_PAD_NBYTES;
+}
+
 uint64_t stream_find(const block_stream *stream, uint64_t entry) {
   segment s;
-  uint64_t end_bit = (stream->nbytes - STREAM_PAD_NBYTES) * 8;
-  if (!find_segment(stream, entry / SEGMENT_ENTRIES, &s)) return end_bit;
+  uint64_t end_bit = (stream->nbytes - STREAM_PAD_NBYTES) * 8, span = entry >> stream->paired, bit;
+  if (!find_segment(stream, span / SEGMENT_SPANS, &s)) return end_bit;
+  /* The second of a pair begins where the next pair does. */
+  uint32_t i = (uint32_t)(span % SEGMENT_SPANS) + (stream->paired & entry);
   uint64_t payload = s.begin + 2 + low_nbytes(&s) + s.high_nbytes;
-  uint64_t bit = payload * 8 + entry_offset(stream, &s, entry % SEGMENT_ENTRIES);
+  if (__builtin_expect(i == s.span_count, 0))
+    bit = 8 * segment_end(stream, span / SEGMENT_SPANS);
+  else
+    bit = 8 * payload + (span_offset(stream, &s, i) << (stream->paired ? 3 : 0));
   return bit < end_bit ? bit : end_bit;
 }
 
+static inline uint64_t segment_of(const block_stream *stream, uint64_t entry) {
+  return (entry >> stream->paired) / SEGMENT_SPANS;
+}
+
 void stream_prefetch_directory(const block_stream *stream, uint64_t entry) {
-  __builtin_prefetch(stream->bytes + entry / SEGMENT_ENTRIES * DIRECTORY_ENTRY_NBYTES);
+  __builtin_prefetch(stream->bytes + segment_of(stream, entry) * DIRECTORY_ENTRY_NBYTES);
 }
 
 void stream_prefetch_segment(const block_stream *stream, uint64_t entry) {
-  uint64_t begin = get_u48(stream->bytes + entry / SEGMENT_ENTRIES * DIRECTORY_ENTRY_NBYTES);
+  uint64_t begin = get_u48(stream->bytes + segment_of(stream, entry) * DIRECTORY_ENTRY_NBYTES);
   if (begin >= stream->nbytes) return;
   /* The head with its low bits, and where the high bits begin. */
   __builtin_prefetch(stream->bytes + begin);
@@ -118,7 +134,7 @@ void stream_prefetch_segment(const block_stream *stream, uint64_t entry) {
 }
 
 slf_result stream_check(const block_stream *stream, const char *name, slf_error *error) {
-  uint64_t segment_count = stream_segment_count(stream->entry_count);
+  uint64_t segment_count = stream_segment_count(stream);
   uint64_t end = stream->nbytes - STREAM_PAD_NBYTES;
   uint64_t expected = segment_count * DIRECTORY_ENTRY_NBYTES;
   for (uint64_t index = 0; index < segment_count; index++) {
@@ -129,8 +145,8 @@ slf_result stream_check(const block_stream *stream, const char *name, slf_error 
                       "%s: segment %" PRIu64 " begins at byte %" PRIu64 " of %" PRIu64, name, index,
                       s.begin, end);
     uint64_t payload = s.begin + 2 + low_nbytes(&s) + s.high_nbytes, previous = 0;
-    for (uint32_t i = 0; i < s.entry_count; i++) {
-      uint64_t offset = entry_offset(stream, &s, i);
+    for (uint32_t i = 0; i < s.span_count; i++) {
+      uint64_t offset = span_offset(stream, &s, i) << (stream->paired ? 3 : 0);
       if (offset < previous || payload + offset / 8 > end)
         return slf_fail(error, SLF_ERROR_FORMAT,
                         "%s: entry %u of segment %" PRIu64 " lies at bit %" PRIu64, name, i, index,

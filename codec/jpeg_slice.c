@@ -26,8 +26,8 @@ static void read_levels(const layer_state *layer, uint32_t s, uint32_t t, uint64
   const block_stream *blocks = &site.stream->blocks;
   bit_reader reader;
   entry_state state;
-  entry_begin(&state);
-  layer->kernel->begin(&reader, blocks, layer->kernel->find(blocks, site.entry));
+  entry_begin(&state, site.stream->dc_begin);
+  layer->kernel->begin(&reader, blocks, site.entry, layer->kernel->find(blocks, site.entry));
   for (unsigned i = 0; i <= site.number; i++)
     layer->kernel->parse(site.stream->tables, &reader, i, i % site.slice_count == 0, &state);
   for (int c = 0; c < 3; c++)

@@ -19,8 +19,9 @@
 
 /* ---- Find: FORMAT.md, "Block streams" ------------------------------------------------------ */
 
-/* The bit, counted from stream->bytes, at which entry `entry` (< entry_count) begins; at most
- * 8 * (nbytes - STREAM_PAD_NBYTES), whatever the bytes. */
+/* The bit, counted from stream->bytes, at which entry `entry` (< entry_count) begins, or if it is
+ * the second of a pair, before which it does; at most 8 * (nbytes - STREAM_PAD_NBYTES), whatever
+ * the bytes. */
 #define stream_find KERNEL(stream_find)
 uint64_t stream_find(const block_stream *stream, uint64_t entry);
 
@@ -37,16 +38,20 @@ void stream_prefetch_segment(const block_stream *stream, uint64_t entry);
 
 /* ---- Parse: FORMAT.md, "C-Blocks" ---------------------------------------------------------- */
 
-/* A position in a stream: the next `count` bits at the top of `bits`. Beyond `last` the bytes there
- * repeat: loads stay inside the stream's padding, and a C-Block that runs there is damaged and
- * comes out as some levels. */
+/* A position in a stream: the next `count` bits at the top of `bits`. `next` is the offset in
+ * `bytes` where more are loaded from, upwards to `last` or backwards to 0; beyond, the bytes there
+ * repeat: loads stay inside the stream, and a C-Block that runs there is damaged and comes out as
+ * some levels. */
 typedef struct {
   uint64_t bits, count;
-  const uint8_t *next, *last;
+  const uint8_t *bytes;
+  int64_t next, last;
+  bool backwards;
 } bit_reader;
 
+/* At the begin of an entry, where it was found. */
 #define reader_begin KERNEL(reader_begin)
-void reader_begin(bit_reader *reader, const block_stream *blocks, uint64_t bit);
+void reader_begin(bit_reader *reader, const block_stream *blocks, uint64_t entry, uint64_t bit);
 
 /* Reads the entry's next C-Block, its `number`-th from 0; `first` if it is its place's first, which
  * nothing precedes. False if its bits are no C-Block. */
@@ -116,7 +121,7 @@ struct kernel {
   const char *name;
   slf_result (*check_stream)(const block_stream *stream, const char *name, slf_error *error);
   uint64_t (*find)(const block_stream *stream, uint64_t entry);
-  void (*begin)(bit_reader *reader, const block_stream *blocks, uint64_t bit);
+  void (*begin)(bit_reader *reader, const block_stream *blocks, uint64_t entry, uint64_t bit);
   bool (*parse)(const block_tables *tables, bit_reader *reader, uint32_t number, bool first,
                 entry_state *state);
   void (*inverse_dct)(float block[COEFFICIENTS]);

@@ -12,6 +12,8 @@ enum {
   COLOUR_ONE = 1 << 14, /* what 1 is in a layer's own colours */
   COLOURS_NBYTES = 9 * 2,
   STREAM_HEADER_NBYTES = 12,
+  PAIRED = 1 << 6,         /* in a stream's header: entries are in pairs, */
+  DC_BEGIN_NBYTES = 3 * 2, /* and what DC of INTRA begins at follows */
   MAX_RUN_LOG2 = 6,
   MAX_PARTS_LOG2 = 2,
   GROUP_SIDE = 4, /* directions along a side of the group that shares a key */
@@ -37,6 +39,7 @@ typedef struct {
   uint32_t parts_log2;           /* or, of the rest, entries that a place's quad is cut into */
   uint64_t entries_per_unit;
   uint64_t payload_bits;
+  int16_t dc_begin[3]; /* what the first DC of INTRA in an entry is added to */
   block_codes codes;
   block_tables *tables; /* NULL: the layer has no such stream */
   bool partial;         /* blocks are the first bytes of it only, or NULL */
@@ -119,7 +122,8 @@ static inline bool layer_has(const layer_state *layer, stream_kind kind) {
 
 /* Fills what follows from public's dimensions and angular: block counts, slices, units. */
 slf_result layer_make_units(layer_state *layer, const char *name, slf_error *error);
-void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2, uint32_t parts_log2);
+void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2, uint32_t parts_log2,
+                   bool paired);
 void layer_set_curve(layer_state *layer); /* level_shift, difference_one, from public's curve */
 void layer_set_jfif_colours(layer_state *layer);
 void layer_set_own_colours(layer_state *layer, const int16_t to_rgb[3][3]); /* in COLOUR_ONEs */

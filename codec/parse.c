@@ -12,11 +12,23 @@ static inline uint64_t load_be64(const uint8_t *p) {
   return value;
 }
 
-/* 56 bits or more (Giesen 2018, "Reading bits in far too many ways", variant 4). */
-static inline void refill(bit_reader *r) {
-  r->next = r->next < r->last ? r->next : r->last;
-  r->bits |= load_be64(r->next) >> r->count;
-  r->next += (63 ^ r->count) >> 3;
+static inline uint64_t load_le64(const uint8_t *p) {
+  return __builtin_bswap64(load_be64(p));
+}
+
+/* 56 bits or more (Giesen 2018, "Reading bits in far too many ways", variant 4). Backwards the byte
+ * that comes first is the last one of those loaded. */
+static inline __attribute__((always_inline)) void refill(bit_reader *r) {
+  int64_t taken = (int64_t)((63 ^ r->count) >> 3);
+  if (r->backwards) {
+    r->next = r->next > 0 ? r->next : 0;
+    r->bits |= load_le64(r->bytes + r->next) >> r->count;
+    r->next -= taken;
+  } else {
+    r->next = r->next < r->last ? r->next : r->last;
+    r->bits |= load_be64(r->bytes + r->next) >> r->count;
+    r->next += taken;
+  }
   r->count |= 56;
 }
 
@@ -41,10 +53,15 @@ static inline int32_t take_level(bit_reader *r, unsigned size) {
   return (int32_t)take(r, size) - (negative & most);
 }
 
-void reader_begin(bit_reader *r, const block_stream *blocks, uint64_t bit) {
-  uint64_t end = blocks->nbytes - STREAM_PAD_NBYTES;
-  /* At most 8 bytes of what was loaded are still to be read: good blocks never meet this bound. */
-  *r = (bit_reader){0, 0, blocks->bytes + bit / 8, blocks->bytes + end + 8};
+/* At most 8 bytes of what was loaded are still to be read, and a pair has the directory and its
+ * segment's head before it: good blocks never meet these bounds. */
+void reader_begin(bit_reader *r, const block_stream *blocks, uint64_t entry, uint64_t bit) {
+  r->bits = r->count = 0;
+  r->backwards = blocks->paired & entry;
+  r->bytes = blocks->bytes;
+  r->next = (int64_t)(bit / 8) - (r->backwards ? 8 : 0);
+  r->last = (int64_t)blocks->nbytes - STREAM_PAD_NBYTES + 8;
+  if (blocks->paired) return; /* whole bytes */
   refill(r);
   consume(r, bit % 8);
 }
@@ -161,14 +178,15 @@ static inline __attribute__((always_inline)) bool parse_ac(const block_tables *t
   }
 }
 
-/* One symbol that PASS_BITS do not show whole. False if it is none. */
+/* One symbol that PASS_BITS do not show whole. False if it is none. There are bits for another step
+ * behind it. */
 static __attribute__((noinline)) bool pass_long(const block_tables *tables, unsigned *state,
                                                 bit_reader *r) {
   refill(r);
-  unsigned bits,
-      symbol = read_symbol(&tables->decoders[pass_code(*state)], PASS_BITS + 1, r, &bits);
+  unsigned bits, symbol = read_symbol(&tables->decoders[pass_code(*state)], 1, r, &bits);
   unsigned size = symbol == SYMBOL_ESCAPE ? 22 : symbol & 15;
   consume(r, size);
+  refill(r);
   *state = symbol == SYMBOL_END ? pass_next_channel(*state) : *state | 1;
   return bits != 0 && (size != 0 || symbol == SYMBOL_END || symbol == SYMBOL_RUN_16);
 }
@@ -178,10 +196,12 @@ static inline __attribute__((always_inline)) bool parse_head(const block_tables 
   refill(r);
   unsigned entry = tables->head[r->bits >> (64 - FAST_DC_BITS)], bits = entry & 255;
   *head = entry >> 8;
-  if (__builtin_expect(bits != 0, 1))
+  if (__builtin_expect(bits != 0, 1)) {
     consume(r, bits);
-  else
+  } else {
     *head = read_symbol(&tables->decoders[CODE_HEAD], FAST_DC_BITS + 1, r, &bits);
+    refill(r);
+  }
   return bits != 0 && *head >> 3 < PREDICTOR_COUNT;
 }
 
@@ -196,8 +216,8 @@ static __attribute__((noinline)) bool parse_long_shifts(const huffman_decoder *d
   return bits_u != 0 && bits_v != 0 && u < 32 && v < 32;
 }
 
-static inline bool parse_shifts(const block_tables *tables, bit_reader *r, int *shift_u,
-                                int *shift_v) {
+static inline __attribute__((always_inline)) bool
+parse_shifts(const block_tables *tables, bit_reader *r, int *shift_u, int *shift_v) {
   bit_reader copy = *r;
   bool good = parse_long_shifts(&tables->decoders[CODE_SHIFT], &copy, shift_u, shift_v);
   *r = copy;
@@ -211,7 +231,7 @@ static inline __attribute__((always_inline)) bool parse_dcs(const block_tables *
                                                             int32_t dc[3]) {
 #pragma GCC unroll 3
   for (int channel = 0; channel < 3; channel++) {
-    if (channel > 0) refill(r);
+    if (channel > 1) refill(r);
     bool present = !residual || (head >> channel & 1);
     if (!parse_dc(tables, dc_code(residual, channel > 0), present, r, &dc[channel])) return false;
     if (residual) continue;
@@ -244,8 +264,8 @@ static inline void clear_levels(entry_state *state) {
 }
 
 /* Field by field, so that they stay in registers. */
-static inline bit_reader reader_copy(const bit_reader *r) {
-  return (bit_reader){r->bits, r->count, r->next, r->last};
+static inline bit_reader reader_copy(const bit_reader *r, bool backwards) {
+  return (bit_reader){r->bits, r->count, r->bytes, r->next, r->last, backwards};
 }
 
 static inline void reader_update(bit_reader *to, const bit_reader *r) {
@@ -254,9 +274,12 @@ static inline void reader_update(bit_reader *to, const bit_reader *r) {
   to->next = r->next;
 }
 
-bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t number, bool first,
-                 entry_state *state) {
-  bit_reader r = reader_copy(reader);
+/* Compiled for each way of reading. */
+static inline __attribute__((always_inline)) bool parse_block(const block_tables *tables,
+                                                              bit_reader *reader, bool backwards,
+                                                              uint32_t number, bool first,
+                                                              entry_state *state) {
+  bit_reader r = reader_copy(reader, backwards);
   unsigned head;
   bool good = parse_head(tables, &r, &head);
   if (good && head >> 3 != PREDICT_PREVIOUS) {
@@ -276,11 +299,18 @@ bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t number
   return good;
 }
 
+bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t number, bool first,
+                 entry_state *state) {
+  return reader->backwards ? parse_block(tables, reader, true, number, first, state)
+                           : parse_block(tables, reader, false, number, first, state);
+}
+
 /* ---- Passing over -------------------------------------------------------------------------- */
 
 /* The next block up to its AC levels, which *state says; or some that are heads and no more. */
-static inline bool pass_head(const block_tables *tables, bit_reader *r, int16_t intra_dc[3],
-                             uint32_t *count, unsigned *state) {
+static inline __attribute__((always_inline)) bool pass_head(const block_tables *tables,
+                                                            bit_reader *r, int16_t intra_dc[3],
+                                                            uint32_t *count, unsigned *state) {
   unsigned bare = tables->bare_heads[r->bits >> (64 - PASS_BITS)], head;
   int shift_u, shift_v;
   int32_t dc[3];
@@ -302,11 +332,10 @@ static inline bool pass_head(const block_tables *tables, bit_reader *r, int16_t 
 /* What PASS_BITS show, or one symbol. */
 static inline __attribute__((always_inline)) bool pass_step(const block_tables *tables,
                                                             unsigned *state, bit_reader *r) {
-  if (__builtin_expect(r->count < PASS_MAX_TAKEN, 0)) refill(r);
   unsigned entry = tables->pass[*state][r->bits >> (64 - PASS_BITS)];
   if (__builtin_expect(entry != 0, 1)) {
-    consume(r, entry & 31);
-    *state = entry >> 5;
+    consume(r, entry & 63);
+    *state = entry >> 6;
     return true;
   }
   bit_reader copy = *r;
@@ -317,24 +346,40 @@ static inline __attribute__((always_inline)) bool pass_step(const block_tables *
   return good;
 }
 
+static inline __attribute__((always_inline)) bool pass_two_steps(const block_tables *tables,
+                                                                 unsigned *state, bit_reader *r) {
+  refill(r);
+  return pass_step(tables, state, r) && pass_step(tables, state, r);
+}
+
 /* AC levels in three channels are at most so many symbols. */
 enum { PASS_MOST_STEPS = 3 * COEFFICIENTS };
 
-bool blocks_pass(const block_tables *tables, bit_reader *reader, int16_t intra_dc[3],
-                 uint32_t count) {
-  bit_reader r = reader_copy(reader);
+static inline __attribute__((always_inline)) bool pass_blocks(const block_tables *tables,
+                                                              bit_reader *reader, bool backwards,
+                                                              int16_t intra_dc[3], uint32_t count) {
+  bit_reader r = reader_copy(reader, backwards);
   bool good = true;
   while (count && good) {
     unsigned state = PASS_END, left = PASS_MOST_STEPS;
     good = pass_head(tables, &r, intra_dc, &count, &state);
-    while (good && state != PASS_END) good = left-- && pass_step(tables, &state, &r);
+    if (state == PASS_END) continue;
+    /* Four at once: most blocks have no more, and how many nobody foretells. */
+    good = good && pass_step(tables, &state, &r) && pass_two_steps(tables, &state, &r);
+    while (good && state != PASS_END) good = left-- && pass_two_steps(tables, &state, &r);
   }
   reader_update(reader, &r);
   return good;
 }
 
+bool blocks_pass(const block_tables *tables, bit_reader *reader, int16_t intra_dc[3],
+                 uint32_t count) {
+  return reader->backwards ? pass_blocks(tables, reader, true, intra_dc, count)
+                           : pass_blocks(tables, reader, false, intra_dc, count);
+}
+
 bool block_leans_on_previous(const block_tables *tables, const bit_reader *reader) {
-  bit_reader r = reader_copy(reader);
+  bit_reader r = reader_copy(reader, reader->backwards);
   unsigned head;
   return parse_head(tables, &r, &head) && head >> 3 == PREDICT_PREVIOUS;
 }

@@ -83,7 +83,8 @@ static void put_segment(stream_writer *writer, const uint8_t *bytes, uint64_t nb
 }
 
 static void end_segment(stream_writer *writer) {
-  uint32_t n = (uint32_t)((writer->entry_count - 1) % SEGMENT_ENTRIES) + 1;
+  uint64_t spans = writer->entry_count >> writer->paired;
+  uint32_t n = (uint32_t)((spans - 1) % SEGMENT_SPANS) + 1;
   uint64_t last = writer->offsets[n - 1];
   uint32_t low_bits = 0;
   /* Elias and Fano: as many low bits as the mean gap has; the high bits then take at most 3 each.
@@ -92,8 +93,7 @@ static void end_segment(stream_writer *writer) {
   uint32_t low_size = (uint32_t)bytes_for_bits((uint64_t)(n - 1) * low_bits);
   uint32_t high_nbytes = n > 1 ? (uint32_t)bytes_for_bits((last >> low_bits) + n - 1) : 0;
 
-  uint8_t head[2 + SEGMENT_ENTRIES * 4 + SEGMENT_ENTRIES] = {(uint8_t)low_bits,
-                                                             (uint8_t)high_nbytes};
+  uint8_t head[2 + SEGMENT_SPANS * 4 + SEGMENT_SPANS] = {(uint8_t)low_bits, (uint8_t)high_nbytes};
   for (uint32_t i = 1; i < n; i++) {
     uint64_t offset = writer->offsets[i];
     set_bits(head + 2, (uint64_t)(i - 1) * low_bits, offset, low_bits);
@@ -108,23 +108,41 @@ static void end_segment(stream_writer *writer) {
   bits_clear(&writer->segment);
 }
 
-void stream_begin(stream_writer *writer, scratch_file *to, uint64_t entry_count) {
-  *writer = (stream_writer){.to = to, .begin = to->nbytes};
-  writer->directory_nbytes = stream_segment_count(entry_count) * DIRECTORY_ENTRY_NBYTES;
+void stream_begin(stream_writer *writer, scratch_file *to, const block_stream *stream) {
+  *writer = (stream_writer){.to = to, .begin = to->nbytes, .paired = stream->paired};
+  writer->directory_nbytes = stream_segment_count(stream) * DIRECTORY_ENTRY_NBYTES;
   writer->directory_at = to->nbytes;
 }
 
+/* An entry's bytes, the last one first. */
+static void append_backwards(bit_string *bits, const bit_string *entry) {
+  if (entry->failed) bits->failed = true;
+  for (uint64_t left = bytes_for_bits(entry->bit_count); left; left--)
+    bits_put(bits, entry->bytes[left - 1], 8);
+}
+
 void stream_put(stream_writer *writer, const bit_string *entry) {
-  writer->offsets[writer->entry_count++ % SEGMENT_ENTRIES] = writer->segment.bit_count;
-  bits_append(&writer->segment, entry);
+  bit_string *segment = &writer->segment;
+  uint64_t span = writer->entry_count >> writer->paired;
+  bool second = writer->paired && writer->entry_count % 2;
+  if (!second)
+    writer->offsets[span % SEGMENT_SPANS] = segment->bit_count >> (writer->paired ? 3 : 0);
+  if (second)
+    append_backwards(segment, entry);
+  else
+    bits_append(segment, entry);
+  if (writer->paired) align_to_byte(segment);
   writer->payload_bit_count += entry->bit_count;
-  if (writer->entry_count % SEGMENT_ENTRIES == 0) end_segment(writer);
+  writer->entry_count++;
+  if (second || !writer->paired)
+    if ((span + 1) % SEGMENT_SPANS == 0) end_segment(writer);
 }
 
 slf_result stream_finish(stream_writer *writer, const char *name, uint64_t *nbytes,
                          slf_error *error) {
   static const uint8_t padding[STREAM_PAD_NBYTES];
-  if (writer->entry_count % SEGMENT_ENTRIES) end_segment(writer);
+  assert(!writer->paired || writer->entry_count % 2 == 0);
+  if ((writer->entry_count >> writer->paired) % SEGMENT_SPANS) end_segment(writer);
   flush_directory(writer);
   put_segment(writer, padding, sizeof padding);
   *nbytes = writer->directory_nbytes + writer->segments_nbytes;

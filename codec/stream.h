@@ -1,27 +1,35 @@
 /* stream.h - a chunk of C-Blocks: runs of bits, found by their number.
  *
- * A stream is a list of entries, each some bits long. 128 entries make a segment: their bit offsets
- * in Elias-Fano form, then their bits. A directory of 6 bytes a segment finds the segments.
- * FORMAT.md, "Block streams". */
+ * A stream is a list of entries, each some bits long, in pairs: the first one's bytes go up from
+ * where the pair begins, the second one's down from where it ends. 128 pairs make a segment: their
+ * offsets in Elias-Fano form, then their bytes. A directory of 6 bytes a segment finds the
+ * segments. In streams without pairs, as version 3.1 had them, an entry stands where a pair does,
+ * and offsets count bits. FORMAT.md, "Block streams". */
 #ifndef SLF_STREAM_H
 #define SLF_STREAM_H
 
 #include "codec/scratch.h"
 
 enum {
-  SEGMENT_ENTRIES = 128,
+  SEGMENT_SPANS = 128,
   DIRECTORY_ENTRY_NBYTES = 6,
   STREAM_PAD_NBYTES = 16 /* zeros at the end, so that a reader may load 8 bytes anywhere before */
 };
 
 typedef struct {
   const uint8_t *bytes;
-  uint64_t nbytes; /* at least STREAM_PAD_NBYTES */
-  uint64_t entry_count;
+  uint64_t nbytes;      /* at least STREAM_PAD_NBYTES */
+  uint64_t entry_count; /* even if they are in pairs */
+  bool paired;
 } block_stream;
 
-static inline uint64_t stream_segment_count(uint64_t entry_count) {
-  return (entry_count + SEGMENT_ENTRIES - 1) / SEGMENT_ENTRIES;
+/* A span is what has an offset: a pair, or an entry of its own. */
+static inline uint64_t stream_span_count(const block_stream *stream) {
+  return stream->entry_count >> stream->paired;
+}
+
+static inline uint64_t stream_segment_count(const block_stream *stream) {
+  return (stream_span_count(stream) + SEGMENT_SPANS - 1) / SEGMENT_SPANS;
 }
 
 /* A growing string of bits, most significant first. After an allocation failed it takes no more and
@@ -45,13 +53,14 @@ typedef struct {
   bit_string directory;             /* with these whole bytes */
   uint64_t segments_nbytes;         /* so far */
   bit_string segment;               /* the entries of the segment that is being filled */
-  uint64_t offsets[SEGMENT_ENTRIES];
+  uint64_t offsets[SEGMENT_SPANS];  /* of its spans: bytes of pairs, else bits */
+  bool paired;
   uint64_t entry_count;
   uint64_t payload_bit_count;
 } stream_writer;
 
-/* Begins a stream of so many entries. */
-void stream_begin(stream_writer *writer, scratch_file *to, uint64_t entry_count);
+/* Begins a stream with the entry_count and pairs of `stream`. */
+void stream_begin(stream_writer *writer, scratch_file *to, const block_stream *stream);
 
 /* Appends an entry, in order. */
 void stream_put(stream_writer *writer, const bit_string *entry);

@@ -187,14 +187,17 @@ static void kernels_parse_random_bits_alike(void **state) {
     size_t nbytes = 1 + random_u32() % 60;
     uint8_t *bytes = calloc(1, nbytes + STREAM_PAD_NBYTES);
     for (size_t i = 0; i < nbytes; i++) bytes[i] = (uint8_t)random_u32();
-    block_stream stream = {bytes, nbytes + STREAM_PAD_NBYTES, 1};
+    block_stream stream = {bytes, nbytes + STREAM_PAD_NBYTES, 2, n % 4 > 0};
     entry_state states[2];
     bit_reader readers[2];
     memset(states, 0, sizeof states);
-    uint64_t begin = random_u32() % (8 * nbytes);
+    /* Pairs begin at whole bytes; the second of a pair goes backwards from there. */
+    uint64_t begin = random_u32() % (8 * nbytes), entry = n % 2;
+    if (stream.paired) begin -= begin % 8;
+    const int16_t dc_begin[3] = {(int16_t)random_u32(), 1, -2};
     for (int k = 0; k < kernel_count; k++) {
-      entry_begin(&states[k]);
-      kernels[k]->begin(&readers[k], &stream, begin);
+      entry_begin(&states[k], dc_begin);
+      kernels[k]->begin(&readers[k], &stream, entry, begin);
     }
     for (uint32_t block = 0; block < 8; block++) {
       bool good[2] = {false};
@@ -263,7 +266,9 @@ static void entries_are_found(void **state) {
   for (int n = 0; n < 30; n++) {
     stream_writer writer;
     uint64_t lengths[600], count = 1 + random_u32() % 600, begin = scratch.nbytes, nbytes;
-    stream_begin(&writer, &scratch, count);
+    block_stream stream = {NULL, 0, count, n % 3 > 0};
+    if (stream.paired) stream.entry_count = count = (count + 1) / 2 * 2;
+    stream_begin(&writer, &scratch, &stream);
     uint32_t longest = 1u << random_u32() % 12;
     for (uint64_t i = 0; i < count; i++) {
       bit_string entry = {0};
@@ -279,13 +284,16 @@ static void entries_are_found(void **state) {
     stream_writer_free(&writer);
     assert_int_equal(scratch_map_part(&scratch, begin, nbytes, "test", &map, &error), SLF_OK);
     const uint8_t *bytes = map.bytes;
-    block_stream stream = {bytes, nbytes, count};
+    stream.bytes = bytes;
+    stream.nbytes = nbytes;
     for (int k = 0; k < kernel_count; k++) {
       assert_int_equal(kernels[k]->check_stream(&stream, "test", &error), SLF_OK);
       for (uint64_t i = 0; i < count; i++) {
         uint64_t bit = kernels[k]->find(&stream, i);
         uint32_t window =
             (uint32_t)bytes[bit / 8] << 16 | (uint32_t)bytes[bit / 8 + 1] << 8 | bytes[bit / 8 + 2];
+        if (stream.paired && i % 2) /* backwards */
+          window = (uint32_t)bytes[bit / 8 - 1] << 16 | (uint32_t)bytes[bit / 8 - 2] << 8;
         assert_int_equal(window >> (8 - bit % 8) & 0xffff, i + 1);
       }
     }
