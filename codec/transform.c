@@ -266,9 +266,31 @@ void channels_to_codes(const layer_state *layer, float channels[3][COEFFICIENTS]
   put_codes(layer, b, u_block);
 }
 
+/* Most blocks of low rate: chroma without AC, of JFIF's colours. The sums are put_codes'. */
+static inline __attribute__((always_inline)) void put_flat_chroma(const layer_state *layer,
+                                                                  const entry_state *state,
+                                                                  uint32_t gain, uint8_t *u_block) {
+  const float(*m)[3] = layer->to_rgb;
+  lanes b[8], cb[8], cr[8];
+  channel_texels(NULL, state->levels[0], (uint16_t)gain, layer->scales[0], b);
+  flat_texels(state->levels[1][0], (uint16_t)gain, layer->scales[1], cb);
+  flat_texels(state->levels[2][0], (uint16_t)gain, layer->scales[2], cr);
+  lanes red = splat(m[0][2]) * cr[0], blue = splat(m[2][1]) * cb[0];
+  lanes green_cb = splat(m[1][1]) * cb[0], green_cr = splat(m[1][2]) * cr[0];
+#pragma GCC unroll 8
+  for (int y = 0; y < 8; y++) {
+    lanes luma = b[y] + splat(128.5f);
+    pack_codes(luma + red, luma + green_cb + green_cr, luma + blue, u_block + 32 * y);
+  }
+}
+
 void levels_to_codes(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
                      const entry_state *state, uint32_t gain, const shift_window *shifted,
                      uint8_t *u_block) {
+  if (!prediction && !shifted && state->ac_flags <= 1 && !layer->own_colours) {
+    put_flat_chroma(layer, state, gain, u_block);
+    return;
+  }
   lanes b[3][8];
   make_texels(layer, prediction, state, gain, shifted, b);
   put_codes(layer, b, u_block);
