@@ -346,8 +346,8 @@ static speed measure_speed(const light_field *f, const jpeg_slices *j) {
   }
   shuffle(&lists[1], 1);
   shuffle(&lists[2], 4);
-  /* libjpeg-turbo stores rows that begin at multiples of 32 bytes past the cache, which costs it 40 ns
-   * a block here: it gets rows as malloc's pages begin, 16 bytes later, and so does its best. */
+  /* libjpeg-turbo stores rows that begin at multiples of 32 bytes past the cache, which costs it 40
+   * ns a block here: it gets rows as malloc's pages begin, 16 bytes later, and so does its best. */
   size_t rgbx_nbytes = ((size_t)f->u_count * (f->v_count + 8) * 4 + 16 + 4095) / 4096 * 4096;
   uint8_t *pages = aligned_alloc(4096, rgbx_nbytes), *rgbx = pages + 16;
   if (!pages) fail("no memory for a slice");
