@@ -426,6 +426,17 @@ INLINE sight sight_of(const depth_field *field, const bundle *b, i8 number, f8 w
                  .texel = number * (int32_t)field->pages.slice_texels};
 }
 
+/* The same, of two numbers. */
+INLINE sight sight_of_two(const depth_field *field, const bundle *b, int32_t number, int32_t other,
+                          i8 others, f8 weight) {
+  const float *one = field->slopes[number], *two = field->slopes[other];
+  const int32_t texels = (int32_t)field->pages.slice_texels;
+  return (sight){.dx = choose(others, all(two[0]), all(one[0])) - b->qx,
+                 .dy = choose(others, all(two[1]), all(one[1])) - b->qy,
+                 .weight = weight,
+                 .texel = all_int(number * texels) + (others & (other - number) * texels)};
+}
+
 /* The four slices around the rays of eight texels. */
 static void look_around(const depth_field *field, const depth_rays *rays,
                         const uint8_t texels[LANES], bundle *b, sight s[4]) {
@@ -841,9 +852,20 @@ INLINE void look_along(const depth_field *field, const depth_rays *rays, int row
   memcpy(&cell, rays->cell + 8 * row, sizeof cell);
   if (field->frames) pick_frames(field, b);
   i8 beyond = left < all(0);
-  s[0] = sight_of(field, b, cell + column, choose(beyond, 1.0f - g, f) + LEAST_WEIGHT);
-  s[1] = sight_of(field, b, cell + 1, choose(beyond, 1.0f - f, g) + LEAST_WEIGHT);
-  s[2] = sight_of(field, b, cell + (beyond & (column + 1)), magnitude(left) + LEAST_WEIGHT);
+  f8 along_s = choose(beyond, 1.0f - g, f) + LEAST_WEIGHT;
+  f8 along_t = choose(beyond, 1.0f - f, g) + LEAST_WEIGHT;
+  f8 corner = magnitude(left) + LEAST_WEIGHT;
+  const int32_t first = cell[0];
+  if (!mask_bits(cell != all_int(first))) {
+    const i8 none = all_int(0);
+    s[0] = sight_of_two(field, b, first + column, first + column, none, along_s);
+    s[1] = sight_of_two(field, b, first + 1, first + 1, none, along_t);
+    s[2] = sight_of_two(field, b, first, first + column + 1, beyond, corner);
+  } else {
+    s[0] = sight_of(field, b, cell + column, along_s);
+    s[1] = sight_of(field, b, cell + 1, along_t);
+    s[2] = sight_of(field, b, cell + (beyond & (column + 1)), corner);
+  }
   missing = (s[0].dx != s[0].dx) | (s[1].dx != s[1].dx) | (s[2].dx != s[2].dx);
   if (mask_bits(missing)) stand_in(field, &cell, s, 3);
 }
@@ -957,10 +979,11 @@ static unsigned mix_aimed(depth_field *field, depth_rays *rays, depth_aim *a) {
 /* ---- From frame to frame ------------------------------------------------------------------------
  */
 
-static uint64_t find_steady(const depth_memory *last) {
+static uint64_t find_steady(const depth_memory *last, uint64_t *beside_lower) {
   const i8 none = all_int(UINT16_MAX);
   i8 codes[10];
-  uint64_t steady = 0, certain = 0;
+  uint64_t served = 0, certain = 0;
+  *beside_lower = 0;
   codes[0] = codes[9] = none;
   for (int row = 0; row < 8; row++) {
     i8 near = load_c8(last->kind + 8 * row) == SEEN_NEAR;
@@ -972,10 +995,12 @@ static uint64_t find_steady(const depth_memory *last) {
     i8 left = __builtin_shufflevector(codes[row], none, 8, 0, 1, 2, 3, 4, 5, 6);
     i8 right = __builtin_shufflevector(codes[row], none, 1, 2, 3, 4, 5, 6, 7, 8);
     i8 lowest = lower(lower(left, right), lower(codes[row - 1], codes[row + 1]));
-    i8 fits = (codes[row] != none) & (lowest >= codes[row] - 256 * EDGE_CODES);
-    steady |= (uint64_t)mask_bits(fits) << (8 * row - 8);
+    i8 known = codes[row] != none;
+    served |= (uint64_t)mask_bits(known) << (8 * row - 8);
+    i8 hidden = known & (lowest < codes[row] - 256 * EDGE_CODES);
+    *beside_lower |= (uint64_t)mask_bits(hidden) << (8 * row - 8);
   }
-  return steady & certain;
+  return served & certain;
 }
 
 static void remember(const depth_rays *rays, const uint8_t kinds[64], uint64_t mask,

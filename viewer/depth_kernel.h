@@ -72,9 +72,10 @@ typedef struct {
   /* The rays of block (block_u, block_v) for its directions. */
   void (*place)(const depth_field *field, uint32_t block_u, uint32_t block_v,
                 const block_directions *directions, depth_rays *rays);
-  /* The texels whose height most of the slices around knew, and with no neighbour in the block that
-   * saw another thing that is lower. */
-  uint64_t (*find_steady)(const depth_memory *last);
+  /* The texels whose height most of the slices around knew, and those of them or of others, served
+   * by the four slices around, with a neighbour in the block that saw another thing that is
+   * lower. */
+  uint64_t (*find_steady)(const depth_memory *last, uint64_t *beside_lower);
   /* Mixes those of the texels for whose height there is good evidence among the four slices around;
    * returns them. */
   uint64_t (*mix)(depth_field *field, depth_rays *rays, const depth_guess *guess);

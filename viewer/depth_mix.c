@@ -55,10 +55,10 @@ bool flat_texel_scale(const slf_mesh *mesh, uint32_t u_count, uint32_t v_count, 
  */
 
 /* What was found for a texel last time is where it is looked for next. Texels with some slices that
- * disagree forget every 64th frame, so that nothing wrong stays, those of a block at once, as eight
- * are followed at the cost of one; those that the four slices around did not serve try their
- * neighbours' heights every fourth. Blocks take turns. */
-enum { FORGET = 64, TRY = 4, TURN = 13 /* odd: all turns occur, and neighbours' differ */ };
+ * disagree forget every 128th frame, so that nothing wrong stays, those of a block at once, as
+ * eight are followed at the cost of one; those that the four slices around did not serve try their
+ * neighbours' heights every second. Blocks take turns. */
+enum { FORGET = 128, TRY = 2, TURN = 13 /* odd: all turns occur, and neighbours' differ */ };
 
 static depth_memory *recall(depth_mixer *m, size_t block, bool *try) {
   depth_memory *last = &m->last[block];
@@ -232,7 +232,7 @@ static uint64_t mix_rest(depth_mixer *m, depth_rays *rays, uint64_t left, const 
   const uint64_t wide = left & find_kind(last->kind, SEEN_WIDE);
   const uint64_t blind = left & find_kind(last->kind, SEEN_NOT);
   if (!try) left &= ~blind & ~mix_wide(m, rays, wide, last, kinds);
-  uint64_t foretold = mix_guessed(m, rays, left, last, GUESS_LOWER, GUESS_RIGHT);
+  uint64_t foretold = mix_guessed(m, rays, left, last, GUESS_AGAIN, GUESS_RIGHT);
   foretold |= mix_guessed(m, rays, left & ~foretold, last, GUESS_RIGHT, GUESS_COUNT);
   left &= ~foretold & ~blind;
   if (try) left &= ~mix_wide(m, rays, left & wide, last, kinds);
@@ -278,11 +278,13 @@ void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
   bool try;
   depth_memory *now = recall(m, (size_t)block_v * m->block_u_count + block_u, &try);
   const depth_memory last = *now;
-  const uint64_t steady = m->kernel->find_steady(&last) & directions->mask;
+  uint64_t beside_lower, steady = m->kernel->find_steady(&last, &beside_lower) & directions->mask;
   memset(kinds, SEEN_NEAR, sizeof kinds);
   m->kernel->place(&m->field, block_u, block_v, directions, &rays);
   use_slices(&m->field.pages, &rays);
-  uint64_t foretold = mix_steady(m, &rays, &last, steady);
+  uint64_t foretold =
+      mix_guessed(m, &rays, beside_lower & directions->mask, &last, GUESS_LOWER, GUESS_AGAIN);
+  foretold |= mix_steady(m, &rays, &last, steady & ~foretold);
   if (directions->mask & ~foretold)
     foretold |= mix_rest(m, &rays, directions->mask & ~foretold, &last, try, kinds);
   for (uint64_t left = ~directions->mask; left; left &= left - 1)
