@@ -106,15 +106,15 @@ INLINE i8 gather(const void *base, i8 index) {
 
 /* Two texels side by side, eight bytes, of each lane: of lanes 0 1 4 5 and of lanes 2 3 6 7. */
 INLINE void load_pairs(const uint8_t *bytes, const int32_t texel[LANES], __m256i *a, __m256i *b) {
-  __m128d halves[4];
+  __m128 halves[4];
   for (int i = 0; i < 4; i++) {
     const int l = 2 * (i & 1) + 4 * (i >> 1);
-    halves[i] = _mm_load_sd((const double *)(const void *)(bytes + 4 * (size_t)texel[l]));
-    halves[i] =
-        _mm_loadh_pd(halves[i], (const double *)(const void *)(bytes + 4 * (size_t)texel[l + 1]));
+    const uint8_t *first = bytes + 4 * (size_t)texel[l], *next = bytes + 4 * (size_t)texel[l + 1];
+    halves[i] = _mm_castsi128_ps(_mm_loadl_epi64((const __m128i *)(const void *)first));
+    halves[i] = _mm_loadh_pi(halves[i], (const __m64 *)(const void *)next);
   }
-  *a = _mm256_castpd_si256(_mm256_set_m128d(halves[2], halves[0]));
-  *b = _mm256_castpd_si256(_mm256_set_m128d(halves[3], halves[1]));
+  *a = _mm256_castps_si256(_mm256_set_m128(halves[2], halves[0]));
+  *b = _mm256_castps_si256(_mm256_set_m128(halves[3], halves[1]));
 }
 
 /* What they hold in even and in odd places, lane after lane. */
