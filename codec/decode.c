@@ -458,8 +458,11 @@ static void find_pending(const pending_block *before, pending_block *p) {
     return;
   }
   p->bit = stream_find(blocks, p->site.entry);
-  __builtin_prefetch(blocks->bytes + p->bit / 8);
-  __builtin_prefetch(blocks->bytes + p->bit / 8 + 64);
+  /* As numbers: what precedes the bytes may be asked for, but has no pointer. */
+  uintptr_t begin = (uintptr_t)blocks->bytes + p->bit / 8;
+  bool backwards = blocks->paired & p->site.entry;
+  __builtin_prefetch((const void *)(backwards ? begin - 8 : begin));
+  __builtin_prefetch((const void *)(backwards ? begin - 72 : begin + 64));
 }
 
 static inline size_t count_left(size_t count, size_t first) {
