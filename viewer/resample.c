@@ -32,7 +32,7 @@ typedef struct {
 
 /* Of a source that makes blocks at once rather than one by one as many are taken in before they are
  * mixed; else one, which the next one's U-Blocks come into the processor's cache behind. */
-enum { MOST_PENDING = 8 };
+enum { MOST_PENDING = 32 };
 
 typedef struct {
   uint32_t stamp; /* the block that noted it last */
