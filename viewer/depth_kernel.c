@@ -517,25 +517,19 @@ typedef struct {
   f8 code;
   f8 score;  /* weight of those that see a thing there, less that of those that look through it */
   f8 agreed; /* weight of the former */
-  f8 moved;  /* mean by which they see it higher: the slices' directions lie around the ray's, so
-                that it leads to what they see, right to first order wherever along the ray they
-                look */
   f8 weight[4];
   reading at[4];
 } verdict;
 
 static void judge(depth_field *field, const bundle *b, const sight s[4], const f8 *code,
                   verdict *v) {
-  f8 scale = 1.0f / tolerance(*code), score, near = all(1e-6f);
-  v->code = *code, v->score = all(0), v->agreed = all(0), v->moved = all(0);
+  f8 scale = 1.0f / tolerance(*code), score;
+  v->code = *code, v->score = all(0), v->agreed = all(0);
   for (int k = 0; k < 4; k++) {
     f8 off = look_from(field, b, &s[k], *code, &v->at[k]);
     v->weight[k] = witness(&s[k], off, scale, v->at[k].inside, &score);
     v->agreed += v->weight[k], v->score += score;
-    f8 weight = choose((magnitude(off * scale) < all(4)) & v->at[k].inside, s[k].weight, all(0));
-    v->moved += weight * off, near += weight;
   }
-  v->moved /= near;
 }
 
 INLINE i8 choose_int(i8 mask, i8 a, i8 b) {
@@ -547,7 +541,6 @@ static void take(verdict *a, const verdict *b, const i8 *mask) {
   a->code = choose(*mask, b->code, a->code);
   a->agreed = choose(*mask, b->agreed, a->agreed);
   a->score = choose(*mask, b->score, a->score);
-  a->moved = choose(*mask, b->moved, a->moved);
   for (int k = 0; k < 4; k++) {
     a->weight[k] = choose(*mask, b->weight[k], a->weight[k]);
     a->at[k].fx = choose_int(*mask, b->at[k].fx, a->at[k].fx);
@@ -603,27 +596,49 @@ static uint64_t write(depth_field *field, depth_rays *rays, const depth_guess *g
   return mixed;
 }
 
-static uint64_t mix(depth_field *field, depth_rays *rays, const depth_guess *guess) {
-  enum { PASSES = 2 };
-  const f8 wanted = load(guess->wanted);
+/* From a guess to the height on which the ray and what a slice sees meet, by a secant; what is seen
+ * there where there is an edge. Settled lanes are there already. */
+static f8 meet(depth_field *field, const bundle *b, const sight *s, f8 guess) {
+  reading at;
+  f8 off = look_from(field, b, s, guess, &at);
+  i8 settled = magnitude(off) < 0.2f * tolerance(guess);
+  if (!mask_bits(~settled)) return guess;
+  f8 next = smaller(larger(guess + off, all(0)), all(255)), step = next - guess;
+  f8 next_off = look_from(field, b, s, next, &at), fall = off - next_off;
+  i8 steady = (magnitude(fall) > 0.25f * magnitude(step)) & (magnitude(next_off) < all(EDGE_CODES));
+  f8 code = choose(steady, guess + off * step / choose(steady, fall, all(1)), next + next_off);
+  code = smaller(larger(code, all(0)), all(255));
+  return choose(settled, guess, code);
+}
+
+static uint64_t mix(depth_field *field, depth_rays *rays, const depth_guess *guess_of) {
+  const f8 guess = load(guess_of->codes), wanted = load(guess_of->wanted);
   bundle b;
   sight s[4];
   verdict v;
-  f8 code = load(guess->codes);
-  look_around(field, rays, guess->texels, &b, s);
-  judge(field, &b, s, &code, &v);
-  for (int pass = 1; pass < PASSES; pass++) {
-    i8 moves = (magnitude(v.moved) > MOVED_SHARE * tolerance(v.code));
-    if (!mask_bits(moves)) break;
-    verdict next;
-    code = smaller(larger(v.code + v.moved, all(0)), all(255));
-    judge(field, &b, s, &code, &next);
-    i8 better = moves & (next.score > v.score);
-    take(&v, &next, &better);
+  look_around(field, rays, guess_of->texels, &b, s);
+  /* The heaviest slice looks most nearly along the ray. */
+  sight first = s[0];
+  for (int k = 1; k < 4; k++) {
+    i8 heavier = s[k].weight > first.weight;
+    first.dx = choose(heavier, s[k].dx, first.dx), first.dy = choose(heavier, s[k].dy, first.dy);
+    first.weight = choose(heavier, s[k].weight, first.weight);
+    first.texel = choose_int(heavier, s[k].texel, first.texel);
   }
+  f8 code = meet(field, &b, &first, guess);
+  /* It may see something else than the ray does. */
+  code = choose(magnitude(code - guess) < 4.0f * tolerance(guess), code, guess);
+  judge(field, &b, s, &code, &v);
   i8 good = v.score > wanted;
+  if (mask_bits(~good & (code != guess))) {
+    verdict unmoved;
+    judge(field, &b, s, &guess, &unmoved);
+    i8 better = ~good & (unmoved.score > v.score);
+    take(&v, &unmoved, &better);
+    good = v.score > wanted;
+  }
   v.score = larger(v.score, wanted + SCORE_SLACK);
-  return write(field, rays, guess, &v, mask_bits(good));
+  return write(field, rays, guess_of, &v, mask_bits(good));
 }
 
 /* The paper's mix, at the texels themselves. */
@@ -728,7 +743,7 @@ typedef struct {
   int group_count;
   f8 weight[MOST_SIGHTS / LANES]; /* with which each sees the height judged last */
   reading at[MOST_SIGHTS / LANES];
-  float moved; /* as in verdict */
+  float moved; /* as in view */
 } fan;
 
 /* The slices within `reach` of the ray, the four around weighed as they are, those beyond by a tent
@@ -914,7 +929,8 @@ typedef struct {
   f8 rgb[3][3]; /* linear, in LIGHT_UNIT */
   f8 off[3];    /* code seen less the one expected */
   f8 weight[3];
-  f8 moved; /* as in verdict */
+  f8 moved; /* mean of off: the slices' directions lie around the ray's, so that it leads to what
+               they see, right to first order wherever along the ray they look */
 } view;
 
 INLINE void read_aimed(depth_field *field, const depth_aim *a, f8 code, view *v) {

@@ -55,15 +55,20 @@ bool flat_texel_scale(const slf_mesh *mesh, uint32_t u_count, uint32_t v_count, 
  */
 
 /* What was found for a texel last time is where it is looked for next. Texels with some slices that
- * disagree forget every 128th frame, so that nothing wrong stays, those of a block at once, as
- * eight are followed at the cost of one; those that the four slices around did not serve try their
- * neighbours' heights every second. Blocks take turns. */
-enum { FORGET = 128, TRY = 2, TURN = 13 /* odd: all turns occur, and neighbours' differ */ };
+ * disagree forget every 128th frame, so that nothing wrong stays: those of a block at once, as
+ * eight are followed at the cost of one. Those that the four slices around did not serve try their
+ * neighbours' heights every second frame; those that no slice served follow the four along the ray
+ * every 16th. Blocks take turns. */
+enum { FORGET = 128, FOLLOW = 16, TRY = 2, TURN = 13 /* odd: all turns occur */ };
 
-static depth_memory *recall(depth_mixer *m, size_t block, bool *try) {
+typedef struct {
+  bool try, follow; /* this time */
+} patience;
+
+static depth_memory *recall(depth_mixer *m, size_t block, patience *p) {
   depth_memory *last = &m->last[block];
   const uint32_t turn = m->visits[block]++ + TURN * (uint32_t)block;
-  *try = turn % TRY == 0;
+  *p = (patience){.try = turn % TRY == 0, .follow = turn % FOLLOW == 0};
   for (uint32_t k = 0; k < 64 && turn % FORGET == 0; k++)
     if (last->score[k] < (int)(100 * ALL_AGREE)) last->kind[k] = SEEN_UNKNOWN;
   return last;
@@ -225,20 +230,24 @@ static uint64_t mix_wide(depth_mixer *m, depth_rays *rays, uint64_t texels,
 }
 
 /* Mixes texels that are not steady; returns those that were foretold. Those that the four slices
- * around did not serve last time are taken to be so still, unless they are to `try` their
- * neighbours' heights. */
+ * around did not serve last time are mostly taken to be so still. */
 static uint64_t mix_rest(depth_mixer *m, depth_rays *rays, uint64_t left, const depth_memory *last,
-                         bool try, uint8_t kinds[64]) {
+                         patience p, uint8_t kinds[64]) {
   const uint64_t wide = left & find_kind(last->kind, SEEN_WIDE);
   const uint64_t blind = left & find_kind(last->kind, SEEN_NOT);
-  if (!try) left &= ~blind & ~mix_wide(m, rays, wide, last, kinds);
+  if (!p.try) left &= ~blind & ~mix_wide(m, rays, wide, last, kinds);
   uint64_t foretold = mix_guessed(m, rays, left, last, GUESS_AGAIN, GUESS_RIGHT);
   foretold |= mix_guessed(m, rays, left & ~foretold, last, GUESS_RIGHT, GUESS_COUNT);
-  left &= ~foretold & ~blind;
-  if (try) left &= ~mix_wide(m, rays, left & wide, last, kinds);
-  if (left) left &= ~mix_sought(m, rays, left);
+  left &= ~foretold;
+  if (p.try) left &= ~mix_wide(m, rays, left & wide, last, kinds);
   uint64_t unseen = blind & ~foretold;
-  for (; left; left &= left - 1) {
+  if (p.follow) {
+    left &= ~mix_sought(m, rays, left);
+    unseen &= left;
+  } else {
+    left &= ~mix_sought(m, rays, left & ~blind);
+  }
+  for (left &= ~blind; left; left &= left - 1) {
     const uint32_t k = (uint32_t)__builtin_ctzll(left);
     if (m->kernel->seek_alone(&m->field, rays, k, 2, LEAST_WIDE))
       kinds[k] = SEEN_WIDE;
@@ -275,8 +284,8 @@ void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
   depth_rays rays;
   uint8_t kinds[64];
   depth_pages_make_room(&m->field.pages);
-  bool try;
-  depth_memory *now = recall(m, (size_t)block_v * m->block_u_count + block_u, &try);
+  patience p;
+  depth_memory *now = recall(m, (size_t)block_v * m->block_u_count + block_u, &p);
   const depth_memory last = *now;
   uint64_t beside_lower, steady = m->kernel->find_steady(&last, &beside_lower) & directions->mask;
   memset(kinds, SEEN_NEAR, sizeof kinds);
@@ -286,7 +295,7 @@ void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
       mix_guessed(m, &rays, beside_lower & directions->mask, &last, GUESS_LOWER, GUESS_AGAIN);
   foretold |= mix_steady(m, &rays, &last, steady & ~foretold);
   if (directions->mask & ~foretold)
-    foretold |= mix_rest(m, &rays, directions->mask & ~foretold, &last, try, kinds);
+    foretold |= mix_rest(m, &rays, directions->mask & ~foretold, &last, p, kinds);
   for (uint64_t left = ~directions->mask; left; left &= left - 1)
     memset(rays.rgba[__builtin_ctzll(left)], 0, sizeof *rays.rgba);
   count_texels(&m->counts, directions->mask, foretold, kinds);
