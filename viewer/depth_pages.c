@@ -19,6 +19,19 @@ static uint64_t spread_slices(uint64_t nbytes) {
   return ((nbytes + of_system - 1) / of_system | 1) * of_system;
 }
 
+static uint64_t slice_nbytes_of(const slf_layer *light) {
+  const uint64_t block_count = (uint64_t)((light->u_count + 7) / 8) * ((light->v_count + 7) / 8);
+  return spread_slices(block_count * PAGE_NBYTES);
+}
+
+static uint32_t slice_count_of(const slf_layer *light) {
+  return (light->s_count + 1) * (light->t_count + 1);
+}
+
+bool depth_pages_fit(const slf_layer *light) {
+  return slice_count_of(light) * (slice_nbytes_of(light) / 4) < INT32_MAX;
+}
+
 bool depth_pages_create(depth_pages *p, const slf_layer *light, block_source light_source,
                         const slf_layer *heights, block_source heights_source) {
   *p = (depth_pages){.u_count = light->u_count,
@@ -34,10 +47,8 @@ bool depth_pages_create(depth_pages *p, const slf_layer *light, block_source lig
   for (int code = 0; code < 256; code++)
     p->root[code] = (uint8_t)(255 * sqrtf(slf_linear_from_srgb((uint8_t)code)) + 0.5f);
   p->most_pages = MOST_PAGES;
-  p->slice_count = (p->s_count + 1) * (p->t_count + 1);
-  const uint64_t slice_nbytes =
-      spread_slices((uint64_t)p->block_u_count * p->block_v_count * PAGE_NBYTES);
-  if (p->slice_count * (slice_nbytes / 4) >= INT32_MAX) return false;
+  p->slice_count = slice_count_of(light);
+  const uint64_t slice_nbytes = slice_nbytes_of(light);
   p->slice_texels = (uint32_t)(slice_nbytes / 4);
   p->slices = calloc(p->slice_count, sizeof *p->slices);
   if (!p->slices) return false;

@@ -50,8 +50,11 @@ typedef struct {
   uint8_t root[256]; /* of a code */
 } depth_pages;
 
+/* Whether a light field is small enough: addresses in it are of 31 bits. */
+bool depth_pages_fit(const slf_layer *light);
+
 /* The sources must outlive the pages and always give the same. The heights may have fewer texels.
- * False if memory ran out, or if all slices have 2^31 texels or more. */
+ * The light fits. False if memory ran out. */
 bool depth_pages_create(depth_pages *p, const slf_layer *light, block_source light_source,
                         const slf_layer *heights, block_source heights_source);
 void depth_pages_free(depth_pages *p);

@@ -7,6 +7,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "depth_pages.h"
 #include "gl_api.h"
 #include "half.h"
 
@@ -251,7 +252,7 @@ static bool has_depth(const slf_surface *surface, uint32_t k) {
   return shape->role == SLF_ROLE_REFLECTED && shape->curve == SLF_CURVE_SRGB &&
          k + 1 < surface->layer_count && shape[1].role == SLF_ROLE_HEIGHT &&
          shape[1].curve == SLF_CURVE_SRGB && shape[1].s_count == shape->s_count &&
-         shape[1].t_count == shape->t_count;
+         shape[1].t_count == shape->t_count && depth_pages_fit(shape);
 }
 
 static block_source source_of(const drawing *d, uint32_t index, uint32_t k) {

@@ -285,6 +285,15 @@ static void slices_make_room_for_others(void **state) {
   depth_pages_free(&p);
 }
 
+/* 81 texels for each 64, 17x17 slices: 1.5 and 6.1 of 2^31's 2.1 thousand million. */
+static void addresses_have_31_bits(void **state) {
+  (void)state;
+  slf_layer layer = {.u_count = 2048, .v_count = 2048, .s_count = 16, .t_count = 16};
+  assert_true(depth_pages_fit(&layer));
+  layer.u_count = layer.v_count = 4096;
+  assert_false(depth_pages_fit(&layer));
+}
+
 static void directions_outside_are_held(void **state) {
   (void)state;
   mirror light = {.of_height = false}, heights = {.of_height = true};
@@ -353,6 +362,7 @@ int main(void) {
       cmocka_unit_test(kernels_give_the_same_bytes),
       cmocka_unit_test(four_taps_are_blurred_here),
       cmocka_unit_test(slices_make_room_for_others),
+      cmocka_unit_test(addresses_have_31_bits),
       cmocka_unit_test(directions_outside_are_held),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
