@@ -1,6 +1,6 @@
 #!/bin/bash
-# Bakes the light fields of tests/bench/bakes that are missing or stale, one after another: each keeps
-# all processors busy. What a bake from nothing took, in seconds of processor time, is kept beside it,
+# Bakes the light fields of tests/bench/bakes that are missing or stale, two at a time: while POV-Rays of one start,
+# or it is packed, the other keeps the processors busy. What a bake from nothing took, in seconds of processor time, is kept beside it,
 # build/bench-NAME.cpu_s.
 # usage: bakes.sh [NAME...] (all of them), with QUALITY from the environment
 set -eu
@@ -13,25 +13,26 @@ bake() {
     [[ $name = *_texels-* ]] || texels=
     declare=("Directions=${name##*-}" $texels "$@")
   fi
-  [ -d "build/bake/$name" ] || fresh=1
-  count_s; before=$s
+  fresh=; [ -d "build/bake/$name" ] || fresh=1
   env -u MAKEFLAGS -u MFLAGS -u MAKELEVEL make --no-print-directory bake SCENE="$scene" NAME="$name" QUALITY=paper \
     RAYS="$rays" DECLARE="${declare[*]}"
-  if [ -n "${fresh:-}" ]; then count_s; awk "BEGIN { print $s - $before }" > "build/$name.cpu_s"; fi
-  fresh=
-}
-# s: processor time of the children so far. `times` knows its own shell's alone, so no pipe and no $().
-count_s() {
-  times > build/bench/times
-  s=$(awk -F'[ms ]' 'NR == 2 { print 60 * $1 + $2 + 60 * $4 + $5 }' build/bench/times)
+  [ -n "$fresh" ] || return 0
+  # `times` knows its own shell's children alone, so no pipe and no $().
+  times > "build/bench/$name.times"
+  awk -F'[ms ]' 'NR == 2 { print 60 * $1 + $2 + 60 * $4 + $5 }' "build/bench/$name.times" > "build/$name.cpu_s"
+  rm "build/bench/$name.times"
 }
 listed() { # NAME: its line
   awk -v name="$1" '$1 == name' tests/bench/bakes | grep . || { echo "bakes.sh: tests/bench/bakes has no '$1'" >&2; exit 1; }
 }
 mkdir -p build/bench
 [ $# -gt 0 ] || set -- $(awk '/^[^#]/ { print $1 }' tests/bench/bakes)
+running=0
 for wanted; do
   line=$(listed "$wanted")
+  [ $running -lt 2 ] || { wait -n; running=$((running - 1)); }
   # shellcheck disable=SC2086 # words
-  bake $line
+  (bake $line) &
+  running=$((running + 1))
 done
+for ((; running > 0; running--)); do wait -n; done

@@ -76,8 +76,8 @@ echo "{"
 for part; do
   case $part in
     floor)
-      tests/bench/bakes.sh floor_128_texels-16 depth-floor-8 depth-floor-256-16 depth-floor-96-6 paper-floor-64 >&2
-      gain floor floor build/bench-floor_128_texels-16.slf build/bench-depth-floor-8.slf
+      tests/bench/bakes.sh floor_9_rays-16 depth-floor-8 depth-floor-256-16 depth-floor-96-6 paper-floor-64 >&2
+      gain floor floor build/bench-floor_9_rays-16.slf build/bench-depth-floor-8.slf
       heights_share build/bench-depth-floor-8.slf floor
       measure floor floor build/bench-depth-floor-256-16.slf depth
       echo "  \"depth_psnr_floor_256_16_coded\": $psnr,"
