@@ -1,6 +1,6 @@
 #!/bin/bash
-# Bakes the light fields of tests/bench/bakes that are missing or stale, two at a time: while POV-Rays of one start,
-# or it is packed, the other keeps the processors busy. What a bake from nothing took, in seconds of processor time, is kept beside it,
+# Bakes the light fields of tests/bench/bakes that are missing or stale, three at a time: while POV-Rays of one start,
+# or it is packed, the others keep the processors busy. What a bake from nothing took, in seconds of processor time, is kept beside it,
 # build/bench-NAME.cpu_s.
 # usage: bakes.sh [NAME...] (all of them), with QUALITY from the environment
 set -eu
@@ -30,7 +30,7 @@ mkdir -p build/bench
 running=0
 for wanted; do
   line=$(listed "$wanted")
-  [ $running -lt 2 ] || { wait -n; running=$((running - 1)); }
+  [ $running -lt 3 ] || { wait -n; running=$((running - 1)); }
   # shellcheck disable=SC2086 # words
   (bake $line) &
   running=$((running + 1))

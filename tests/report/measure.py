@@ -37,7 +37,7 @@ SCENES = {
                    depth="depth-bottle-8", truth=7),
     "box": dict(scene="box", declare="", surfaces=None, directions=16, scan=[4, 8, 16], truth=7),
     "cube": dict(scene="cube", declare="", surfaces=None, directions=32, scan=[4, 8, 16, 32, 64],
-                 depth="depth-cube-12", truth=7),
+                 depth="depth-cube-8", truth=7),
     "pond": dict(scene="pond", declare="", surfaces=["water"], directions=32, scan=[4, 8, 16, 32],
                  depth="depth-pond-8", truth=7),
 }
@@ -47,6 +47,7 @@ CACHES = [0, 10, 100, 1000, 65536]
 PAPER_CACHES = ["all", "all-1", "1000", "100", "10", "4", "1", "0"]
 PAPER_OFFSETS = ["0.01", "0.1", "0.2", "0.5", "1.0", "2.0", "5.0"]
 QUALITIES = [30, 60, 85]
+POV_RAYS = [1, 2, 5]  # squared, a pixel
 SHINY = {"box": "box_", "cube": "cube_"}  # surfaces with a name that begins so
 
 
@@ -135,21 +136,24 @@ class Report:
         """POV-Ray's picture with rays x rays a pixel: (file, milliseconds of processor time)."""
         out = self.picture(f"truth-{name}-{view}-{rays}")
         scene = SCENES[name]
-        declares = [f"Declare={x}" for x in scene["declare"].split()]
 
         def make():
-            cpu_s = run(["tests/truth", scene["scene"], view, SIZE, str(rays), out, *declares])
-            return dict(ms=1e3 * max(cpu_s - self.start_s(scene["scene"], view, declares), 0))
+            cpu_s = run(["tests/truth", scene["scene"], view, SIZE, str(rays), out, *self.declares(name)])
+            return dict(ms=1e3 * max(cpu_s - self.start_s(name, view), 0))
 
         if not out.exists():
             self.forget(f"truth-{name}-{view}-{rays}")
         return out, self.kept(f"truth-{name}-{view}-{rays}", make,
                               f"scenes/{scene['scene']}/{scene['scene']}.pov")["ms"]
 
-    def start_s(self, scene, view, declares):
+    def declares(self, name):
+        return [f"Declare={x}" for x in SCENES[name]["declare"].split()]
+
+    def start_s(self, name, view):
         """What POV-Ray takes to start and to read the scene: not of the frame."""
-        return self.kept("-".join(["start", scene, *declares]), lambda: dict(cpu_s=run(
-            ["tests/truth", scene, view, "8x6", "1", self.picture("start"), *declares])),
+        scene = SCENES[name]["scene"]
+        return self.kept(f"start-{name}", lambda: dict(cpu_s=run(
+            ["tests/truth", scene, view, "8x6", "1", self.picture("start"), *self.declares(name)])),
             f"scenes/{scene}/{scene}.pov")["cpu_s"]
 
     def drawn(self, file, view, *options):
@@ -231,20 +235,25 @@ class Report:
         return self.point(name, file, bake_s, base, self.shiny(file)["directions"][0])
 
     def draw_ahead(self, name):
-        """The pictures that errors are told from, drawn side by side: none of them is timed."""
+        """The files and pictures that errors are told from, made side by side: the viewer's frames are timed later,
+        and POV-Ray's by the processor."""
         file, _ = self.base(name)
-        files = [(self.bake(name, n)[0], []) for n in self.scan(name)]
-        files += [(self.halved(name, file), [])] + [(self.recode(file, "layered", q)[0], []) for q in QUALITIES]
-        files += [(file, ["--dice", dice]) for dice in [1] + DICE_PX]
-        views = self.views(name)
+        views, rays = self.views(name), [SCENES[name]["truth"], *POV_RAYS]
         for view in views:
             self.mask(name, file, view)
+            self.start_s(name, view)
         with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-            list(pool.map(lambda job: self.drawn(job[0][0], job[1], *job[0][1]),
-                          [(f, v) for f in files for v in views]))
+            truths = [pool.submit(self.truth, name, view, n) for view in views for n in rays]
+            coded = [pool.submit(self.recode, file, "layered", q) for q in QUALITIES]
+            coded += [pool.submit(self.recode, file, "none", q) for q in QUALITIES]
+            files = [(self.bake(name, n)[0], []) for n in self.scan(name)]
+            files += [(self.halved(name, file), [])] + [(c.result()[0], []) for c in coded[:len(QUALITIES)]]
+            files += [(file, ["--dice", dice]) for dice in [1] + DICE_PX]
+            drawn = [pool.submit(self.drawn, f, v, *options) for f, options in files for v in views]
+            for job in truths + coded + drawn:
+                job.result()
 
     def speed_against_error(self, name):
-        self.draw_ahead(name)
         file, bake_s = self.base(name)
         texels = self.shiny(file)["texels"][0]
         lines = {"directions": [], "texels": [], "quality": [], "dice": [], "cache": []}
@@ -263,7 +272,7 @@ class Report:
         if "depth" in SCENES[name]:
             lines["depth"] = [self.by_depth(name, file)]
         pov = []
-        for rays in (1, 2, 5):
+        for rays in POV_RAYS:
             ms = [self.truth(name, view, rays)[1] for view in self.views(name)]
             error = self.kept(f"error-pov-{name}-{rays}", lambda: self.difference(
                 name, lambda view: self.truth(name, view, SCENES[name]["truth"])[0],
@@ -437,6 +446,8 @@ class Report:
         self.bake_ahead([f"{name}-{n}" for name, s in SCENES.items()
                          for n in ([s["directions"]] if self.only == "scenes" else self.scan(name))]
                         + [s["depth"] for s in SCENES.values() if "depth" in s])
+        for name in SCENES if not self.only else []:
+            self.draw_ahead(name)
         result["scenes"] = self.scene_points()
         if self.only == "scenes":
             return dict(only="scenes", **result)
