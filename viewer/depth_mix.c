@@ -55,11 +55,11 @@ bool flat_texel_scale(const slf_mesh *mesh, uint32_t u_count, uint32_t v_count, 
  */
 
 /* What was found for a texel last time is where it is looked for next. Texels with some slices that
- * disagree forget every 128th frame, so that nothing wrong stays: those of a block at once, as
+ * disagree forget every 16th frame, so that nothing wrong stays: those of a block at once, as
  * eight are followed at the cost of one. Those that the four slices around did not serve try their
  * neighbours' heights every second frame; those that no slice served follow the four along the ray
  * every 16th. Blocks take turns. */
-enum { FORGET = 128, FOLLOW = 16, TRY = 2, TURN = 13 /* odd: all turns occur */ };
+enum { FORGET = 16, FOLLOW = 16, TRY = 2, TURN = 13 /* odd: all turns occur */ };
 
 typedef struct {
   bool try, follow; /* this time */

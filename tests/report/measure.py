@@ -37,7 +37,7 @@ SCENES = {
                    depth="depth-bottle-8", truth=7),
     "box": dict(scene="box", declare="", surfaces=None, directions=16, scan=[4, 8, 16], truth=7),
     "cube": dict(scene="cube", declare="", surfaces=None, directions=32, scan=[4, 8, 16, 32, 64],
-                 depth="depth-cube-8", truth=7),
+                 depth="depth-cube-12", truth=7),
     "pond": dict(scene="pond", declare="", surfaces=["water"], directions=32, scan=[4, 8, 16, 32],
                  depth="depth-pond-8", truth=7),
 }
