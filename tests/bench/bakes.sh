@@ -1,7 +1,7 @@
 #!/bin/bash
-# Bakes the light fields of tests/bench/bakes that are missing or stale, three at a time: while POV-Rays of one start,
-# or it is packed, the others keep the processors busy. What a bake from nothing took, in seconds of processor time, is kept beside it,
-# build/bench-NAME.cpu_s.
+# Bakes the light fields of tests/bench/bakes that are missing or stale, three at a time: while
+# POV-Rays of one start, or it is packed, the others keep the processors busy. What a bake from nothing
+# took, in seconds of processor time, is kept beside it, build/bench-NAME.cpu_s.
 # usage: bakes.sh [NAME...] (all of them), with QUALITY from the environment
 set -eu
 # NAME SCENE TEXELS RAYS DECLARE...
