@@ -218,7 +218,8 @@ typedef struct {
 
 static __attribute__((noinline)) void load_pages(depth_field *field, const int32_t texel[LANES],
                                                  unsigned lanes) {
-  for (; lanes; lanes &= lanes - 1)
+  field->missed |= field->shared;
+  for (; lanes && !field->shared; lanes &= lanes - 1)
     depth_pages_load(&field->pages, (uint32_t)texel[__builtin_ctz(lanes)]);
 }
 

@@ -18,6 +18,8 @@ typedef struct {
                          there is no slice */
   float texel_u, texel_v; /* texels of light per texel mixed */
   float scale[4];         /* see flat_texel_scale */
+  bool shared; /* with other threads: a page that is not there is noted, not brought in */
+  bool missed; /* one was not there: what came out is worth nothing */
 } depth_field;
 
 /* The rays of a block's texels, 8 row + column. Slopes are as those of the slices. */

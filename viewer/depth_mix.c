@@ -11,10 +11,10 @@
 struct depth_mixer {
   depth_field field;
   const depth_kernel *kernel;
-  uint32_t block_u_count; /* of what is mixed */
-  depth_memory *last;     /* of each block */
-  uint8_t *visits;        /* of each block */
-  depth_mix_counts counts;
+  uint32_t block_u_count, block_v_count; /* of what is mixed */
+  depth_memory *last;                    /* of each block */
+  uint8_t *visits;                       /* of each block */
+  depth_mix_counts *counts;              /* of each row of blocks */
 };
 
 bool flat_texel_scale(const slf_mesh *mesh, uint32_t u_count, uint32_t v_count, float scale[4]) {
@@ -65,13 +65,12 @@ typedef struct {
   bool try, follow; /* this time */
 } patience;
 
-static depth_memory *recall(depth_mixer *m, size_t block, patience *p) {
-  depth_memory *last = &m->last[block];
-  const uint32_t turn = m->visits[block]++ + TURN * (uint32_t)block;
-  *p = (patience){.try = turn % TRY == 0, .follow = turn % FOLLOW == 0};
+static patience recall(const depth_mixer *m, size_t block, depth_memory *last) {
+  const uint32_t turn = m->visits[block] + TURN * (uint32_t)block;
+  *last = m->last[block];
   for (uint32_t k = 0; k < 64 && turn % FORGET == 0; k++)
     if (last->score[k] < (int)(100 * ALL_AGREE)) last->kind[k] = SEEN_UNKNOWN;
-  return last;
+  return (patience){.try = turn % TRY == 0, .follow = turn % FOLLOW == 0};
 }
 
 /* A little less than last time. What was wanted stays wanted until the next search: scores do not
@@ -270,23 +269,23 @@ static void count_texels(depth_mix_counts *counts, uint64_t mask, uint64_t foret
 }
 
 /* The slices that some of the texels read stay longer than others. */
-static void use_slices(depth_pages *p, const depth_rays *rays) {
-  p->now++;
+static void use_slices(const depth_pages *p, const depth_rays *rays) {
   for (int k = 0; k < 64; k += 9)
     for (int32_t corner = 0; corner < 4; corner++) {
       const int32_t past = corner & 1 ? (int32_t)p->t_count + 1 : 0;
-      p->slices[rays->cell[k] + past + (corner >> 1)].used = p->now;
+      atomic_store_explicit(&p->slices[rays->cell[k] + past + (corner >> 1)].used, p->now,
+                            memory_order_relaxed);
     }
 }
 
-void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
-                     const block_directions *directions, uint16_t *out, size_t row_nbytes) {
+/* False, and nothing remembered, if a page was missed. */
+static bool mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
+                      const block_directions *directions, uint16_t *out, size_t row_nbytes) {
   depth_rays rays;
+  depth_memory last;
   uint8_t kinds[64];
-  depth_pages_make_room(&m->field.pages);
-  patience p;
-  depth_memory *now = recall(m, (size_t)block_v * m->block_u_count + block_u, &p);
-  const depth_memory last = *now;
+  const size_t block = (size_t)block_v * m->block_u_count + block_u;
+  const patience p = recall(m, block, &last);
   uint64_t beside_lower, steady = m->kernel->find_steady(&last, &beside_lower) & directions->mask;
   memset(kinds, SEEN_NEAR, sizeof kinds);
   m->kernel->place(&m->field, block_u, block_v, directions, &rays);
@@ -294,13 +293,36 @@ void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
   uint64_t foretold =
       mix_guessed(m, &rays, beside_lower & directions->mask, &last, GUESS_LOWER, GUESS_AGAIN);
   foretold |= mix_steady(m, &rays, &last, steady & ~foretold);
+  if (m->field.missed) return false;
   if (directions->mask & ~foretold)
     foretold |= mix_rest(m, &rays, directions->mask & ~foretold, &last, p, kinds);
+  if (m->field.missed) return false;
   for (uint64_t left = ~directions->mask; left; left &= left - 1)
     memset(rays.rgba[__builtin_ctzll(left)], 0, sizeof *rays.rgba);
-  count_texels(&m->counts, directions->mask, foretold, kinds);
-  m->kernel->remember(&rays, kinds, directions->mask, now);
+  count_texels(&m->counts[block_v], directions->mask, foretold, kinds);
+  m->visits[block]++;
+  m->last[block] = last;
+  m->kernel->remember(&rays, kinds, directions->mask, &m->last[block]);
   m->kernel->put(&rays, out, row_nbytes);
+  return true;
+}
+
+void depth_mixer_begin_frame(depth_mixer *m) {
+  m->field.pages.now++;
+}
+
+void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
+                     const block_directions *directions, uint16_t *out, size_t row_nbytes) {
+  depth_pages_make_room(&m->field.pages);
+  m->field.pages.now++;
+  mix_block(m, block_u, block_v, directions, out, row_nbytes);
+}
+
+bool depth_mix_block_shared(depth_mixer *m, uint32_t block_u, uint32_t block_v,
+                            const block_directions *directions, uint16_t *out, size_t row_nbytes) {
+  depth_mixer own = *m; /* what is missed is noted there */
+  own.field.shared = true;
+  return mix_block(&own, block_u, block_v, directions, out, row_nbytes);
 }
 
 void depth_mixer_use_kernel(depth_mixer *m, resample_kernel kernel) {
@@ -342,13 +364,14 @@ depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
     f->frames = depth_frames_create(&surface->mesh, reflected->u_count, reflected->v_count, wrap_u);
   }
   depth_mixer_use_kernel(m, RESAMPLE_BEST);
-  m->block_u_count = (u_count + 7) / 8;
-  size_t block_count = (size_t)m->block_u_count * ((v_count + 7) / 8);
+  m->block_u_count = (u_count + 7) / 8, m->block_v_count = (v_count + 7) / 8;
+  size_t block_count = (size_t)m->block_u_count * m->block_v_count;
   m->last = calloc(block_count, sizeof *m->last);
   m->visits = calloc(block_count, 1);
+  m->counts = calloc(m->block_v_count, sizeof *m->counts);
   if (depth_pages_create(&f->pages, reflected, light, height, heights))
     f->slopes = find_slopes(&f->pages, f->scale);
-  if (!f->slopes || !m->last || !m->visits || (!flat && !f->frames)) {
+  if (!f->slopes || !m->last || !m->visits || !m->counts || (!flat && !f->frames)) {
     depth_mixer_free(m);
     return NULL;
   }
@@ -356,8 +379,15 @@ depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
   return m;
 }
 
-const depth_mix_counts *depth_mixer_counts(const depth_mixer *m) {
-  return &m->counts;
+depth_mix_counts depth_mixer_counts(const depth_mixer *m) {
+  depth_mix_counts sum = {0};
+  for (uint32_t row = 0; row < m->block_v_count; row++) {
+    sum.texel_count += m->counts[row].texel_count;
+    sum.foretold_count += m->counts[row].foretold_count;
+    sum.wide_count += m->counts[row].wide_count;
+    sum.four_tap_count += m->counts[row].four_tap_count;
+  }
+  return sum;
 }
 
 void depth_mixer_free(depth_mixer *m) {
@@ -366,6 +396,7 @@ void depth_mixer_free(depth_mixer *m) {
   free(m->field.frames);
   free(m->last);
   free(m->visits);
+  free(m->counts);
   depth_pages_free(&m->field.pages);
   free(m);
 }

@@ -8,7 +8,7 @@
  * say of h is weighed against each other: a slice that sees something lower is merely hidden and
  * has no say; one that looks further, through the point, proves that the point is not there.
  *
- * A mixer belongs to one thread at a time. */
+ * A mixer belongs to one thread at a time, but for depth_mix_block_shared. */
 #ifndef DEPTH_MIX_H
 #define DEPTH_MIX_H
 
@@ -30,9 +30,20 @@ depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
                                 const slf_surface *surface, uint32_t u_count, uint32_t v_count);
 void depth_mixer_free(depth_mixer *m); /* accepts NULL */
 
+/* Before each frame: what is not read for many of them makes room for other things. */
+void depth_mixer_begin_frame(depth_mixer *m);
+
 /* Mixes 8x8 texels at once; directions and out as for resample_block. */
 void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
                      const block_directions *directions, uint16_t *out, size_t row_nbytes);
+
+/* The same, from any number of threads at once, no two of them in the same row of blocks. The
+ * sources are not asked: where something must be decompressed first, nothing is done, and it
+ * returns false; depth_mix_block is to be called for that block when the others have finished. What
+ * comes out depends on the block's own earlier frames and on no other block, so that it makes no
+ * difference which thread mixes it and when. */
+bool depth_mix_block_shared(depth_mixer *m, uint32_t block_u, uint32_t block_v,
+                            const block_directions *directions, uint16_t *out, size_t row_nbytes);
 
 /* The plain C and the vector kernels give the same bytes; tests hold them against each other. */
 void depth_mixer_use_kernel(depth_mixer *m, resample_kernel kernel);
@@ -44,6 +55,6 @@ typedef struct {
   uint64_t wide_count;     /* of them mixed from up to 16 slices: the four disagree */
   uint64_t four_tap_count; /* of them mixed the paper's way: no slice sees what the ray meets */
 } depth_mix_counts;
-const depth_mix_counts *depth_mixer_counts(const depth_mixer *m);
+depth_mix_counts depth_mixer_counts(const depth_mixer *m);
 
 #endif

@@ -7,10 +7,12 @@
  * height lies beside its colour. All pages have a place in one range of addresses, so that where
  * one is needs no look-up; those that are not there are zeros, which no height is, so that whether
  * one is there is seen in what was read. Slices that were not read for longest make room for
- * others. A set of pages belongs to one thread at a time. */
+ * others. A set of pages belongs to one thread at a time, but for `used`: while nobody loads pages
+ * or makes room, any number of threads may read them and say so. */
 #ifndef DEPTH_PAGES_H
 #define DEPTH_PAGES_H
 
+#include <stdatomic.h>
 #include <stdbool.h>
 
 #include "block_source.h"
@@ -28,7 +30,7 @@ enum {
 #define PAGE_WHITE (255 * 255)
 
 typedef struct {
-  uint64_t used; /* when it was read last, about */
+  _Atomic uint64_t used; /* when it was read last, about */
   uint32_t page_count;
 } depth_slice;
 

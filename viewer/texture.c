@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "codec/parallel.h"
+
 #if defined(__x86_64__)
 #include <immintrin.h>
 #endif
@@ -180,36 +182,75 @@ static void decode_ahead(texture *x) {
   block_cache_decompress_announced(x->ahead, x->thread_count);
 }
 
-void texture_update(texture *x, const camera *c, direction_bend bend) {
-  uv_mesh *mesh = &x->mesh;
+/* What an update did with a block. */
+enum {
+  BLOCK_EMPTY,   /* nothing, nor was anything there */
+  BLOCK_CHANGED, /* it was made, or cleared as it shows no longer */
+  BLOCK_WAITS    /* nothing: its mix must not go on beside others */
+};
+
+typedef struct {
+  texture *x;
+  direction_bend bend;
+  bool together;
+} update;
+
+static uint8_t update_block(const update *u, uint32_t block_u, uint32_t block_v,
+                            block_directions *d) {
+  texture *x = u->x;
+  const size_t row_nbytes = x->levels[0].row_nbytes;
+  uint8_t *made = &x->made[(size_t)block_v * x->mesh.block_u_count + block_u];
+  const bool was_made = *made, makes = block_view_directions(x, block_u, block_v, d);
+  uint16_t *texels = block_texels(x, block_u, block_v);
+  if (makes) {
+    if (u->bend.bend) u->bend.bend(u->bend.context, block_u, block_v, d);
+    if (!x->depth)
+      resample_block(x->resampler, block_u, block_v, d, texels, row_nbytes);
+    else if (!u->together)
+      depth_mix_block(x->depth, block_u, block_v, d, texels, row_nbytes);
+    else if (!depth_mix_block_shared(x->depth, block_u, block_v, d, texels, row_nbytes))
+      return BLOCK_WAITS;
+  } else if (was_made) {
+    clear_block(x, block_u, block_v);
+  }
+  *made = makes;
+  return makes || was_made ? BLOCK_CHANGED : BLOCK_EMPTY;
+}
+
+static void update_row(void *context, uint64_t block_v) {
+  const update *u = context;
+  const uint32_t count = u->x->mesh.block_u_count;
+  uint8_t *updated = u->x->updated + block_v * count;
   block_directions d;
   memset(&d, 0, sizeof d);
+  for (uint32_t i = 0; i < count; i++)
+    if (u->together || updated[i] == BLOCK_WAITS)
+      updated[i] = update_block(u, i, (uint32_t)block_v, &d);
+}
+
+void texture_update(texture *x, const camera *c, direction_bend bend) {
+  uv_mesh *mesh = &x->mesh;
+  const uint32_t block_u_count = mesh->block_u_count, block_v_count = mesh->block_v_count;
+  const size_t block_count = (size_t)block_u_count * block_v_count;
+  update u = {x, bend, x->mix_thread_count > 1 && x->made_count >= x->least_made_count};
   find_visible(x, c);
   for (uint32_t i = 0; i < mesh->vertex_count; i++)
     view_direction(&mesh->vertices[i], c->location, &x->s[i], &x->t[i]);
   if (x->thread_count > 1 && !bend.bend && !x->depth) decode_ahead(x);
-  x->made_count = 0;
-  mipmap_area changed = {0, 0, 0, 0};
-  for (uint32_t block_v = 0; block_v < mesh->block_v_count; block_v++)
-    for (uint32_t block_u = 0; block_u < mesh->block_u_count; block_u++) {
-      size_t block = (size_t)block_v * mesh->block_u_count + block_u;
-      bool makes = block_view_directions(x, block_u, block_v, &d);
-      if (makes) {
-        if (bend.bend) bend.bend(bend.context, block_u, block_v, &d);
-        uint16_t *texels = block_texels(x, block_u, block_v);
-        if (x->depth)
-          depth_mix_block(x->depth, block_u, block_v, &d, texels, x->levels[0].row_nbytes);
-        else
-          resample_block(x->resampler, block_u, block_v, &d, texels, x->levels[0].row_nbytes);
-        x->made_count++;
-      } else if (x->made[block]) {
-        clear_block(x, block_u, block_v);
-      }
-      if (makes || x->made[block]) add_block(&changed, &x->levels[0], block_u, block_v);
-      x->made[block] = makes;
-    }
+  if (x->depth) depth_mixer_begin_frame(x->depth);
+  memset(x->updated, BLOCK_WAITS, block_count);
+  if (u.together) parallel_for(x->mix_thread_count, block_v_count, update_row, &u);
+  u.together = false;
+  for (uint32_t block_v = 0; block_v < block_v_count; block_v++) update_row(&u, block_v);
   resample_flush(x->resampler);
-  x->changed[0] = changed;
+  x->made_count = 0;
+  x->changed[0] = (mipmap_area){0, 0, 0, 0};
+  for (size_t block = 0; block < block_count; block++) {
+    x->made_count += x->made[block];
+    if (x->updated[block] == BLOCK_CHANGED)
+      add_block(&x->changed[0], &x->levels[0], (uint32_t)(block % block_u_count),
+                (uint32_t)(block / block_u_count));
+  }
 }
 
 void texture_make_levels(texture *x) {
@@ -248,6 +289,11 @@ void texture_decode_ahead(texture *x, block_cache *cache, uint32_t thread_count,
   x->thread_count = thread_count;
 }
 
+void texture_mix_together(texture *x, uint32_t thread_count, uint32_t least_made_count) {
+  x->mix_thread_count = thread_count;
+  x->least_made_count = least_made_count;
+}
+
 void texture_use_kernel(texture *x, resample_kernel kernel) {
   resampler_use_kernel(x->resampler, kernel);
   x->fill = fill_plain;
@@ -265,11 +311,13 @@ bool texture_create(texture *x, const slf_mesh *mesh, const slf_layer *layer, bl
   x->resampler = resampler_create(layer->s_count, layer->t_count, source);
   x->source = source;
   x->made = calloc(block_count, 1);
+  x->updated = malloc(block_count);
   x->s = malloc((x->mesh.vertex_count + (size_t)1) * sizeof *x->s);
   x->t = malloc((x->mesh.vertex_count + (size_t)1) * sizeof *x->t);
   x->outside = malloc(x->mesh.vertex_count + (size_t)1);
   x->visible = malloc(mesh->triangle_count + (size_t)1);
-  if (x->resampler && x->made && x->s && x->t && x->outside && x->visible && create_levels(x)) {
+  if (x->resampler && x->made && x->updated && x->s && x->t && x->outside && x->visible &&
+      create_levels(x)) {
     if (layer->curve == SLF_CURVE_DWA) resampler_use_format(x->resampler, U_BLOCK_HALF);
     texture_use_kernel(x, RESAMPLE_BEST);
     return true;
@@ -284,6 +332,7 @@ void texture_free(texture *x) {
   depth_mixer_free(x->depth);
   for (uint32_t i = 0; i < x->level_count; i++) free(x->levels[i].texels);
   free(x->made);
+  free(x->updated);
   free(x->s);
   free(x->t);
   free(x->outside);

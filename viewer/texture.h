@@ -23,7 +23,8 @@ typedef struct {
 } direction_plane;
 
 /* Changes the directions of a block of texels before they are mixed: ripples on water. Directions
- * come in as the camera sees the texels. May be NULL. */
+ * come in as the camera sees the texels. May be NULL. Called from several threads at once, and
+ * perhaps twice for a block, with texture_mix_together. */
 typedef struct {
   void (*bend)(void *context, uint32_t block_u, uint32_t block_v, block_directions *directions);
   void *context;
@@ -37,6 +38,8 @@ typedef struct {
   block_cache *ahead; /* see texture_decode_ahead */
   uint32_t thread_count;
   size_t least_count;
+  uint32_t mix_thread_count; /* see texture_mix_together */
+  uint32_t least_made_count;
   depth_mixer *depth; /* mixes instead of the resampler, if not NULL; freed with the texture */
   /* R G B A in half floats, linear. Level 0 has rows and columns for whole blocks, 64 bytes a block
    * and row. */
@@ -44,6 +47,7 @@ typedef struct {
   uint32_t level_count;
   mipmap_area changed[MIPMAP_MAX_LEVELS]; /* what the latest update wrote, of each level */
   uint8_t *made;                          /* of each block, row by row: whether it holds radiance */
+  uint8_t *updated;                       /* of each block: what the latest update did */
   uint32_t made_count;
   float *s, *t;     /* of each diced vertex; not confined to the circle, see view_direction */
   uint8_t *outside; /* of each vertex of surface_mesh; if clipped, of each diced vertex */
@@ -69,6 +73,9 @@ void texture_use_slices(texture *x, uint32_t s_count, uint32_t t_count, block_so
  * same. Not done for ripples and for the mix by depth. */
 void texture_decode_ahead(texture *x, block_cache *cache, uint32_t thread_count,
                           size_t least_count);
+/* The mix by depth goes on that many threads, in updates after one that made at least
+ * least_made_count blocks: less is not worth waiting for a thread. What comes out is the same. */
+void texture_mix_together(texture *x, uint32_t thread_count, uint32_t least_made_count);
 /* Makes the texels that camera `c` sees, of level 0. */
 void texture_update(texture *x, const camera *c, direction_bend bend);
 /* Makes what changed of the coarser levels. */

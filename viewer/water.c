@@ -173,13 +173,18 @@ static ripple_options pond_options(const water_rectangle *r, uint32_t cells) {
                           .border = RIPPLE_REFLECTING};
 }
 
+static size_t block_count_of(const water *w) {
+  return w->stride / 8 * ((w->v_count + 7) / 8);
+}
+
 static bool allocate(water *w) {
   const size_t rows = (w->v_count + 7) / 8 * (size_t)8;
   w->stride = (w->u_count + 7) / 8 * (size_t)8;
   w->slope_u = calloc(w->stride * rows, sizeof *w->slope_u);
   w->slope_v = calloc(w->stride * rows, sizeof *w->slope_v);
   w->facing = calloc(w->stride * rows, sizeof *w->facing);
-  return w->slope_u && w->slope_v && w->facing;
+  w->counts = calloc(block_count_of(w), sizeof *w->counts);
+  return w->slope_u && w->slope_v && w->facing && w->counts;
 }
 
 slf_result water_create(const slf_file *file, uint32_t surface_index, uint32_t u_count,
@@ -230,6 +235,7 @@ void water_free(water *w) {
   free(w->slope_u);
   free(w->slope_v);
   free(w->facing);
+  free(w->counts);
   free(w);
 }
 
@@ -298,12 +304,13 @@ static void bend_block(void *context, uint32_t block_u, uint32_t block_v, block_
       facing[i] = (uint16_t)(cosine * (WATER_FACINGS - 1) + 0.5f);
     }
   }
-  for (int k = 0; k < 64; k++) w->counts.below_count += below[k] & (d->mask >> k & 1);
-  w->counts.ray_count += (uint64_t)__builtin_popcountll(d->mask);
+  uint8_t below_count = 0, *counts = w->counts[block_v * (w->stride / 8) + block_u];
+  for (int k = 0; k < 64; k++) below_count += below[k] & (d->mask >> k & 1);
+  counts[0] = (uint8_t)__builtin_popcountll(d->mask), counts[1] = below_count;
 }
 
 direction_bend water_begin_frame(water *w) {
-  w->counts = (water_counts){0};
+  memset(w->counts, 0, block_count_of(w) * sizeof *w->counts);
   w->finished_count = 0;
   w->bending = !ripple_is_calm(w->pond) || w->fresnel || w->display == WATER_NORMALS;
   if (!w->bending) return (direction_bend){NULL, NULL};
@@ -380,4 +387,11 @@ void water_finish_frame(water *w, uint16_t *texels, size_t row_nbytes) {
     clear(w, texels, row_nbytes);
   else if (w->fresnel)
     tint(w, first ? w->bottom : nothing, texels, row_nbytes);
+}
+
+water_counts water_get_counts(const water *w) {
+  water_counts sum = {0};
+  for (size_t block = 0; block < block_count_of(w); block++)
+    sum.ray_count += w->counts[block][0], sum.below_count += w->counts[block][1];
+  return sum;
 }

@@ -57,9 +57,9 @@ typedef struct {
 
   const ripple_script *script; /* replayed from time 0; may be NULL, not owned */
   uint64_t step_index;         /* steps since the water was last at rest: its time */
-  water_counts counts;
 
   bool bending;               /* this frame */
+  uint8_t (*counts)[2];       /* of each block of texels: see water_counts */
   uint32_t finished_count;    /* layers of this frame */
   uint16_t half_of_code[256]; /* linear light of a display code */
 } water;
@@ -81,11 +81,13 @@ double water_time_s(const water *w);
 /* Level water at time 0; a script begins again. */
 void water_reset(water *w);
 
-/* Before a frame: what to give texture_update, {NULL, NULL} where the flat picture is the right
- * one; and after it, before texture_make_levels, for looks that colour texels: v_count rows of
- * half floats as in texture.h, row_nbytes apart. Of a surface with several layers, whose sum is
- * seen, each in turn: what is added is added to the first. */
+/* Before a frame: what to give texture_update, by any number of threads; {NULL, NULL} where the
+ * flat picture is the right one; and after it, before texture_make_levels, for looks that colour
+ * texels: v_count rows of half floats as in texture.h, row_nbytes apart. Of a surface with several
+ * layers, whose sum is seen, each in turn: what is added is added to the first. */
 direction_bend water_begin_frame(water *w);
 void water_finish_frame(water *w, uint16_t *texels, size_t row_nbytes);
+
+water_counts water_get_counts(const water *w);
 
 #endif

@@ -99,16 +99,16 @@ static void measure_mix(const slf_file *file, uint32_t fineness, const char *nam
     ratios[count] = f.ns / f.four_tap_ns, unread[count] = before.ns / before.four_tap_ns;
     first[count] = before.first_ns / before.four_tap_ns;
   }
-  const depth_mix_counts *counts = depth_mixer_counts(by_depth.depth);
-  const double texels = (double)counts->texel_count;
+  const depth_mix_counts counts = depth_mixer_counts(by_depth.depth);
+  const double texels = (double)counts.texel_count;
   print_figure("depth_four_tap_ns_per_texel", name, median(four_tap_ns, count));
   print_figure("depth_ns_per_texel", name, median(ns, count));
   print_figure("depth_resample_vs_four_tap", name, median(ratios, count));
   print_figure("depth_resample_vs_four_tap_unread", name, median(unread, count));
   print_figure("depth_resample_vs_four_tap_first_frame", name, median(first, count));
-  print_figure("depth_foretold_fraction", name, (double)counts->foretold_count / texels);
-  print_figure("depth_wide_fraction", name, (double)counts->wide_count / texels);
-  print_figure("depth_fallback_fraction", name, (double)counts->four_tap_count / texels);
+  print_figure("depth_foretold_fraction", name, (double)counts.foretold_count / texels);
+  print_figure("depth_wide_fraction", name, (double)counts.wide_count / texels);
+  print_figure("depth_fallback_fraction", name, (double)counts.four_tap_count / texels);
   texture_free(&four_tap);
   texture_free(&by_depth);
   block_cache_free(cache);

@@ -2,6 +2,7 @@
  * ceiling, with a bar hanging between. What is left is interpolation between texels and 8-bit
  * codes. */
 #include <math.h>
+#include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -13,6 +14,7 @@
 #include "viewer/depth_mix.h"
 #include "viewer/depth_pages.h"
 #include "viewer/half.h"
+#include "viewer/texture.h"
 
 enum { TEXELS = 64, DIRECTIONS = 8, BLOCKS = TEXELS / 8 };
 
@@ -20,6 +22,7 @@ enum { TEXELS = 64, DIRECTIONS = 8, BLOCKS = TEXELS / 8 };
  * most (1/64)^2 / 8 * 0.2 * (2 pi / 0.25)^2 * 2 axes = 0.0077 */
 static const double wave = 2 * M_PI / 0.25, ceiling = 0.5, bar = 0.2;
 static const double height_unit = 0.5;
+static pthread_t main_thread;
 
 typedef struct {
   double bar_width; /* 0 for none; in the middle */
@@ -49,6 +52,8 @@ static void fetch(void *context, uint32_t block_u, uint32_t block_v, const slice
                   size_t count, const uint8_t **u_blocks) {
   mirror *m = context;
   assert_int_equal(count, 1);
+  /* Sources belong to one thread. */
+  assert_true(pthread_equal(pthread_self(), main_thread));
   assert_true(block_u < BLOCKS && block_v < BLOCKS);
   uint32_t i = slices[0] >> 8, j = slices[0] & 0xff;
   /* What is not stored must never be read. */
@@ -163,7 +168,7 @@ static difference mix(setting how) {
     }
   }
   sum.rms = sqrt(sum.rms / sum.count);
-  sum.counts = *depth_mixer_counts(m);
+  sum.counts = depth_mixer_counts(m);
   depth_mixer_free(m);
   return sum;
 }
@@ -236,6 +241,66 @@ static void kernels_give_the_same_bytes(void **state) {
   how.kernel = RESAMPLE_PLAIN_C, how.texels = plain;
   mix(how);
   assert_memory_equal(best, plain, sizeof best);
+}
+
+/* Ripples that run on with the frames. */
+static void ripple_directions(void *context, uint32_t block_u, uint32_t block_v,
+                              block_directions *d) {
+  const int *frame = context;
+  for (uint32_t k = 0; k < 64; k++) {
+    const float u = (float)(8 * block_u + k % 8), v = (float)(8 * block_v + k / 8);
+    d->s[k] += 0.03f * sinf(0.11f * u + 0.05f * v + 0.5f * (float)*frame);
+    d->t[k] += 0.03f * cosf(0.07f * u - 0.13f * v + 0.3f * (float)*frame);
+  }
+}
+
+enum { FILM_FRAMES = 24, FILM_SIDE = 2 * TEXELS, FILM_TEXELS = FILM_SIDE * FILM_SIDE };
+
+/* A flight over the mirror, in which blocks come and go, with and without ripples. */
+static depth_mix_counts film(uint32_t thread_count, uint16_t (*frames)[4 * FILM_TEXELS]) {
+  mirror light = {.bar_width = 0.1}, heights = {.bar_width = 0.1, .of_height = true};
+  slf_layer layer = {
+      .u_count = TEXELS, .v_count = TEXELS, .s_count = DIRECTIONS, .t_count = DIRECTIONS};
+  slf_layer height = layer, finer = layer;
+  height.height_unit = (float)height_unit;
+  finer.u_count = finer.v_count = FILM_SIDE;
+  const slf_surface square = unit_square();
+  const block_source source = {.fetch = fetch, .context = &light};
+  texture x;
+  int frame;
+  assert_true(texture_create(&x, &square.mesh, &finer, source, UV_DICE_PX));
+  x.depth = depth_mixer_create(&layer, source, &height,
+                               (block_source){.fetch = fetch, .context = &heights}, &square,
+                               FILM_SIDE, FILM_SIDE);
+  assert_non_null(x.depth);
+  texture_mix_together(&x, thread_count, 1);
+  for (frame = 0; frame < FILM_FRAMES; frame++) {
+    const slf_view view = {.location = {0.3f + 0.01f * (float)frame, 0.9f, -0.2f},
+                           .look_at = {0.3f + 0.02f * (float)frame, 0, 0.5f},
+                           .angle_deg = 40};
+    const camera c = camera_of_view(&view, 320, 240);
+    texture_update(&x, &c,
+                   frame % 8 < 6 ? (direction_bend){ripple_directions, &frame}
+                                 : (direction_bend){NULL, NULL});
+    assert_int_equal(x.levels[0].row_nbytes, 8 * FILM_SIDE);
+    memcpy(frames[frame], x.levels[0].texels, sizeof frames[frame]);
+  }
+  const depth_mix_counts counts = depth_mixer_counts(x.depth);
+  texture_free(&x);
+  return counts;
+}
+
+static void threads_make_no_difference(void **state) {
+  (void)state;
+  static uint16_t alone[FILM_FRAMES][4 * FILM_TEXELS], together[FILM_FRAMES][4 * FILM_TEXELS];
+  const depth_mix_counts counts = film(1, alone);
+  assert_true(counts.texel_count > FILM_FRAMES * FILM_TEXELS / 4);
+  assert_true(counts.wide_count > 0 && counts.foretold_count > 0);
+  for (uint32_t thread_count = 2; thread_count <= 5; thread_count += 3) {
+    const depth_mix_counts of_all = film(thread_count, together);
+    assert_memory_equal(alone, together, sizeof alone);
+    assert_memory_equal(&counts, &of_all, sizeof counts);
+  }
 }
 
 static void four_taps_are_blurred_here(void **state) {
@@ -360,10 +425,12 @@ int main(void) {
       cmocka_unit_test(a_thing_between_the_lines_is_not_lost),
       cmocka_unit_test(frames_of_a_flight_keep_what_they_know),
       cmocka_unit_test(kernels_give_the_same_bytes),
+      cmocka_unit_test(threads_make_no_difference),
       cmocka_unit_test(four_taps_are_blurred_here),
       cmocka_unit_test(slices_make_room_for_others),
       cmocka_unit_test(addresses_have_31_bits),
       cmocka_unit_test(directions_outside_are_held),
   };
+  main_thread = pthread_self();
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

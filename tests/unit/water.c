@@ -216,10 +216,10 @@ static void texels_look_along_the_reflected_ray(void **state) {
       assert_float_equal(2 * d.t[k] - 1, eye[1] - 2 * along * m[1] / length, 1e-3);
     }
   }
-  assert_true(w->counts.ray_count == 25 * 64);
-  assert_true(below > 0 && w->counts.below_count > 0);
+  assert_true(water_get_counts(w).ray_count == 25 * 64);
+  assert_true(below > 0 && water_get_counts(w).below_count > 0);
   /* Those within rounding of the horizon may count either way. */
-  assert_true(llabs((long long)(below - w->counts.below_count)) <= 2);
+  assert_true(llabs((long long)(below - water_get_counts(w).below_count)) <= 2);
   water_free(w);
 }
 
