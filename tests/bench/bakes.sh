@@ -6,16 +6,16 @@
 set -eu
 # NAME SCENE TEXELS RAYS DECLARE...
 bake() {
-  name=bench-$1 scene=$2 texels="Texels=$3" rays=$4; shift 4
-  declare=("Directions=${name##*-}" "$texels" "$@")
+  # A preview halves the texels that a scene declares, the matte ones' too.
+  name=bench-$1 scene=$2 texels=$3 rays=$4 quality=preview declared=$((2*$3)); shift 4
   if [ "${QUALITY:-}" = paper ]; then
-    rays=25
-    [[ $name = *_texels-* ]] || texels=
-    declare=("Directions=${name##*-}" $texels "$@")
+    rays=25 quality=paper declared=
+    [[ $name != *_texels-* ]] || declared=$texels
   fi
+  declare=("Directions=${name##*-}" ${declared:+"Texels=$declared"} "$@")
   fresh=; [ -d "build/bake/$name" ] || fresh=1
-  env -u MAKEFLAGS -u MFLAGS -u MAKELEVEL make --no-print-directory bake SCENE="$scene" NAME="$name" QUALITY=paper \
-    RAYS="$rays" DECLARE="${declare[*]}"
+  env -u MAKEFLAGS -u MFLAGS -u MAKELEVEL make --no-print-directory bake SCENE="$scene" NAME="$name" \
+    QUALITY="$quality" RAYS="$rays" DECLARE="${declare[*]}"
   [ -n "$fresh" ] || return 0
   # `times` knows its own shell's children alone, so no pipe and no $().
   times > "build/bench/$name.times"

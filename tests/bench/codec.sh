@@ -6,7 +6,7 @@
 # in one run, so that each processor measures a part. When all are there they are put together, and of those
 # that a goal names the worst over the parts stands under the bare name.
 set -eu
-all="synthetic-16 floor_9_rays-16 bottle-16 bottle-32 bottle-64 box-16 cube-32"
+all="synthetic-16 floor_9_rays-16 bottle-16 bottle-32 bottle-64 box_128_texels-16 cube-32"
 out=build/bench/codec.parts; mkdir -p "$out"
 first() { # the first surface of a scene with directions
   awk '/^surface /{ if ($5 > 1) { print $2; exit } }' "$1/scene.txt"
@@ -15,7 +15,7 @@ rays() { # that it was baked with
   awk '/^BAKE_RAYS/{ print $NF }' "$1/options.mk"
 }
 measure() { # PART: ours beside libjpeg-turbo, then the other peers
-  label=$(echo "$1" | sed 's/_[0-9]*_rays//; s/-/_/') folder=build/bake/bench-$1 new=$out/$1.part
+  label=$(echo "$1" | sed -E 's/_[0-9]+_(rays|texels)//; s/-/_/') folder=build/bake/bench-$1 new=$out/$1.part
   rm -f "$out/$1.json"
   if [ "$1" = synthetic-16 ]; then
     build/bench/codec "$label" > "$new"

@@ -30,12 +30,12 @@ BUILD = pathlib.Path("build")
 # `scan` the line of directions, to which a quick report adds 64 only where it is baked, `depth` the bake as
 # layers that are read by depth. Rays a pixel of the truth, squared: the facets of the dull floor are noise.
 SCENES = {
-    "dull": dict(scene="floor", declare="Mirror=0", surfaces=["floor"], directions=16, scan=[4, 8, 16], truth=10),
+    "dull": dict(scene="floor", declare="Mirror=0", surfaces=["floor"], directions=16, scan=[4, 8, 16, 32], truth=10),
     "floor": dict(scene="floor", declare="Mirror=1", surfaces=["floor"], directions=32, scan=[4, 8, 16, 32],
                   depth="depth-floor-8", truth=7),
     "bottle": dict(scene="bottle", declare="", surfaces=["bottle"], directions=32, scan=[4, 8, 16, 32, 64],
                    depth="depth-bottle-8", truth=7),
-    "box": dict(scene="box", declare="", surfaces=None, directions=16, scan=[4, 8, 16], truth=7),
+    "box": dict(scene="box", declare="", surfaces=None, directions=16, scan=[4, 8, 16, 32], truth=7),
     "cube": dict(scene="cube", declare="", surfaces=None, directions=32, scan=[4, 8, 16, 32, 64],
                  depth="depth-cube-12", truth=7),
     "pond": dict(scene="pond", declare="", surfaces=["water"], directions=32, scan=[4, 8, 16, 32],
@@ -48,6 +48,7 @@ PAPER_CACHES = ["all", "all-1", "1000", "100", "10", "4", "1", "0"]
 PAPER_OFFSETS = ["0.01", "0.1", "0.2", "0.5", "1.0", "2.0", "5.0"]
 QUALITIES = [30, 60, 85]
 POV_RAYS = [1, 2, 5]  # squared, a pixel
+PEERS = ["bottle-16", "box_128_texels-16"]  # bakes on which other codecs are measured
 SHINY = {"box": "box_", "cube": "cube_"}  # surfaces with a name that begins so
 
 
@@ -153,7 +154,7 @@ class Report:
         """What POV-Ray takes to start and to read the scene: not of the frame."""
         scene = SCENES[name]["scene"]
         return self.kept(f"start-{name}", lambda: dict(cpu_s=run(
-            ["tests/truth", scene, view, "8x6", "1", self.picture("start"), *self.declares(name)])),
+            ["tests/truth", scene, view, "8x6", "1", self.picture(f"start-{name}"), *self.declares(name)])),
             f"scenes/{scene}/{scene}.pov")["cpu_s"]
 
     def drawn(self, file, view, *options):
@@ -234,24 +235,29 @@ class Report:
         file, bake_s = self.baked_file(SCENES[name]["depth"])
         return self.point(name, file, bake_s, base, self.shiny(file)["directions"][0])
 
-    def draw_ahead(self, name):
+    def draw_ahead(self):
         """The files and pictures that errors are told from, made side by side: the viewer's frames are timed later,
         and POV-Ray's by the processor."""
-        file, _ = self.base(name)
-        views, rays = self.views(name), [SCENES[name]["truth"], *POV_RAYS]
-        for view in views:
-            self.mask(name, file, view)
-            self.start_s(name, view)
+        views = [(name, view) for name in SCENES for view in self.views(name)]
+        base = {name: self.base(name)[0] for name in SCENES}
         with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-            truths = [pool.submit(self.truth, name, view, n) for view in views for n in rays]
-            coded = [pool.submit(self.recode, file, "layered", q) for q in QUALITIES]
-            coded += [pool.submit(self.recode, file, "none", q) for q in QUALITIES]
-            files = [(self.bake(name, n)[0], []) for n in self.scan(name)]
-            files += [(self.halved(name, file), [])] + [(c.result()[0], []) for c in coded[:len(QUALITIES)]]
-            files += [(file, ["--dice", dice]) for dice in [1] + DICE_PX]
-            drawn = [pool.submit(self.drawn, f, v, *options) for f, options in files for v in views]
-            for job in truths + coded + drawn:
-                job.result()
+            def wait(jobs):
+                return [job.result() for job in jobs]
+
+            starts = [pool.submit(self.start_s, name, self.views(name)[0]) for name in SCENES]
+            wait(starts + [pool.submit(self.mask, name, base[name], view) for name, view in views])
+            truths = [pool.submit(self.truth, name, view, rays) for name, view in views
+                      for rays in [SCENES[name]["truth"], *POV_RAYS]]
+            coded = {name: [pool.submit(self.recode, base[name], angular, quality)
+                            for angular in ("layered", "none") for quality in QUALITIES] for name in SCENES}
+            halves = {name: pool.submit(self.halved, name, base[name]) for name in SCENES}
+            drawn = []
+            for name, view in views:
+                files = [self.bake(name, n)[0] for n in self.scan(name)] + [halves[name].result()]
+                files += [c.result()[0] for c in coded[name][:len(QUALITIES)]]
+                drawn += [pool.submit(self.drawn, file, view) for file in files]
+                drawn += [pool.submit(self.drawn, base[name], view, "--dice", dice) for dice in [1] + DICE_PX]
+            wait(truths + drawn + [job for jobs in coded.values() for job in jobs])
 
     def speed_against_error(self, name):
         file, bake_s = self.base(name)
@@ -311,7 +317,7 @@ class Report:
                 [BUILD / "report/frame", "counts", file, *PAPER_CACHES])), file)
             bench = self.kept(f"bench-{file.stem}", lambda: self.bench(file), file)
             result[f"bottle {directions}"] = dict(
-                counts=counts, warm_vs_uncompressed=bench["warm_vs_uncompressed"], **self.shiny(file))
+                counts=counts, bench=bench, **self.shiny(file))
         cube, _ = self.base("cube")
         result["motion"] = {str(n): self.kept(f"motion-{cube.stem}-{n}", lambda: json.loads(output(
             [BUILD / "report/frame", "motion", cube, n, *PAPER_OFFSETS])), cube) for n in (64, 32, 16, 4)}
@@ -358,7 +364,7 @@ class Report:
 
     def figure_6(self):
         """The box at the quality where blocks by themselves are 17:1, and without identical ones."""
-        file, _ = self.base("box")
+        file, _ = self.baked_file("box_128_texels-16")
         view = self.views("box")[0]
         alone, quality = self.quality_for_ratio(file, "none", 17)
         schemes = []
@@ -398,6 +404,19 @@ class Report:
         return dict(picture=str(self.picture("cache-map")), **counts)
 
     # ---- 3. Peers ------------------------------------------------------------------------------------
+
+    def peers(self):
+        """What the codec's bench says of PEERS, and of its other light fields where it was run."""
+        parts = BUILD / "bench/codec.parts"
+        missing = [p for p in PEERS if not (parts / f"{p}.json").exists()
+                   or (parts / f"{p}.json").stat().st_mtime < self.baked_file(p)[0].stat().st_mtime]
+        if missing:
+            print(f"report: peers on {' '.join(missing)}", flush=True)
+            run(["tests/bench/codec.sh", *missing], QUALITY=self.quality)
+        numbers = {}
+        for part in sorted(parts.glob("*.json")):
+            numbers.update(json.loads(part.read_text()))
+        return numbers
 
     def rate_distortion(self):
         """Ratio and PSNR of what the slices decode to, for independent blocks and layered ones."""
@@ -445,9 +464,9 @@ class Report:
         result = dict(machine=machine(), quality=self.quality, size=SIZE, samples=SAMPLES)
         self.bake_ahead([f"{name}-{n}" for name, s in SCENES.items()
                          for n in ([s["directions"]] if self.only == "scenes" else self.scan(name))]
-                        + [s["depth"] for s in SCENES.values() if "depth" in s])
-        for name in SCENES if not self.only else []:
-            self.draw_ahead(name)
+                        + [s["depth"] for s in SCENES.values() if "depth" in s] + (PEERS if not self.only else []))
+        if not self.only:
+            self.draw_ahead()
         result["scenes"] = self.scene_points()
         if self.only == "scenes":
             return dict(only="scenes", **result)
@@ -460,9 +479,11 @@ class Report:
         result["figure_8"] = self.figure_8()
         result["growth"] = self.growth()
         result["rate_distortion"] = self.rate_distortion()
-        result["bench"] = {}
+        result["bench"] = self.peers()
+        for field, table in result["tables"].items():
+            result["bench"].update({f"{key}_{field.replace(' ', '_')}": n for key, n in table.get("bench", {}).items()})
         for part in sorted((BUILD / "bench").glob("*.json")):  # what make bench has measured so far
-            if part.stem in ("codec", "viewer", "pond", "bake", "depth"):
+            if part.stem in ("viewer", "pond", "bake", "depth"):
                 result["bench"].update(json.loads(part.read_text()))
         result["speed_against_error"] = {name: self.speed_against_error(name) for name in SCENES}
         return result

@@ -16,7 +16,7 @@ build/report/%: build/obj/tests/report/%.o $(filter-out %/slfview.o %/window.o %
 	$(call say,link,$@)$(CC) -o $@ $^ $(ALL_LDFLAGS) -lpng -ldl -lm
 
 .PHONY: report report-scenes
-report: all $(REPORT_PYTHON) $(REPORT_PROGRAMS) build/bench/viewer build/bench/room build/tests/pond/water_mesh | $(CHECK_DEPS) ## Speed against error: build/report/index.html (QUALITY=paper for the paper's sizes)
+report: all $(REPORT_PYTHON) $(REPORT_PROGRAMS) $(CODEC_BENCH) $(PEERS_PYTHON) build/bench/viewer build/bench/room build/tests/pond/water_mesh | $(CHECK_DEPS) ## Speed against error: build/report/index.html (QUALITY=paper for the paper's sizes)
 	$(REPORT_PYTHON) tests/report/measure.py --quality $(QUALITY)
 	$(REPORT_PYTHON) tests/report/page.py
 report-scenes: all $(REPORT_PYTHON) $(REPORT_PROGRAMS) | $(CHECK_DEPS) ## The table of scenes alone: build/report/scenes.md
