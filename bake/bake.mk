@@ -83,7 +83,7 @@ $(RAY_TABLES) $(COVERS) $(CHOICES) $(BAKE_DIR)/look: %: %.made
 # Comments and blanks go from lines without quotes only, where they cannot be text.
 $(BAKE_DIR)/look.made: $(BAKE_FILES) $(BAKE_DIR)/options.mk
 	@{ cat $(BAKE_DIR)/options.mk; export LC_ALL=C; sed -E \
-	  -e '/^[[:space:]]*Slf_(Quad|Box|Sphere|Lathe|Parametric|Wrap|Water|Hdr|Background)[[:space:]]*\([^#;]*\)[[:space:]]*(\/\/.*)?$$/d' \
+	  -e '/^[[:space:]]*Slf_(Quad|Box|Sphere|Lathe|Parametric|Wrap|Water|Slab|Hdr|Background)[[:space:]]*\([^#;]*\)[[:space:]]*(\/\/.*)?$$/d' \
 	  -e '/"/!{s|//.*||; s/[[:space:]]+/ /g; s/^ | $$//g; /^$$/d}' $(BAKE_TEXTS); \
 	  $(if $(BAKE_OTHERS),cksum $(BAKE_OTHERS);) } > $(BAKE_DIR)/look.part
 	$(call keep_if_same,$(BAKE_DIR)/look)

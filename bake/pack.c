@@ -118,7 +118,7 @@ static uint32_t *grid_triangles(const surface *self, uint32_t *triangle_count) {
 
 static void write_geometry(const surface *self) {
   slf_error error;
-  slf_surface out = {.flags = self->flags};
+  slf_surface out = {.flags = self->flags, .slab = self->slab};
   uint32_t *triangles = grid_triangles(self, &out.mesh.triangle_count);
   strcpy(out.name, self->name);
   out.mesh.vertices = self->vertices;

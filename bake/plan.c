@@ -41,7 +41,7 @@ static void write_text_if_changed(const char *path, const char *text, size_t nby
 
 /* Lines of the description that belong to the scene, not to the surface before them. */
 static bool is_scene_line(const char *line) {
-  const char *const words[] = {"surface ",    "water ",      "hdr ",
+  const char *const words[] = {"surface ",    "water ",      "slab ",    "hdr ",
                                "background ", "radiosity\n", "photons\n"};
   for (size_t i = 0; i < sizeof words / sizeof *words; i++)
     if (!strncmp(line, words[i], strlen(words[i]))) return true;

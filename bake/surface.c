@@ -97,6 +97,13 @@ static scene *read_description(const char *path) {
       surface *water = (surface *)scene_find(self, word);
       if (!water) fail("%s: Slf_Water: no surface is called '%s'", path, word);
       water->flags |= SLF_SURFACE_WATER;
+    } else if (!strcmp(word, "slab") && fscanf(file, "%63s", word) == 1) {
+      surface *pane = (surface *)scene_find(self, word);
+      if (!pane || !pane->planar) fail("%s: Slf_Slab: no flat surface is called '%s'", path, word);
+      if (fscanf(file, "%f %f", &pane->slab.thickness, &pane->slab.ior) != 2 ||
+          !(pane->slab.thickness > 0) || !(pane->slab.ior > 1))
+        fail("%s: Slf_Slab: '%s': expected a thickness above 0 and an index of refraction above 1",
+             path, word);
     } else if (!strcmp(word, "hdr") && fscanf(file, "%63s", word) == 1) {
       surface *bright = (surface *)scene_find(self, word);
       if (!bright) fail("%s: Slf_Hdr: no surface is called '%s'", path, word);

@@ -10,6 +10,7 @@
  *   POSITION NORMAL TANGENT_U TANGENT_V U V
  *   radiosity, photons                   (only if the light pass is to fill their caches)
  *   water NAME
+ *   slab NAME THICKNESS IOR
  *   hdr NAME
  *   background R G B
  * A chunk is what one run of POV-Ray renders: a few slices of one surface. */
@@ -29,6 +30,7 @@ typedef struct {
   double auto_error;      /* what the choice of directions may cost (choose.c); 0: they are given */
   bool auto_layers;       /* whether layers are to be chosen too */
   uint32_t flags;         /* SLF_SURFACE_... */
+  slf_slab slab;          /* thickness 0: it is no face of one */
   double layers;          /* 0: one layer; else about how far away what it reflects is (layers.c) */
   bool layers_are_chosen; /* not declared by the scene */
   bool planar;

@@ -8,13 +8,14 @@
 
 enum {
   VERSION_MAJOR = 3,
-  VERSION_MINOR = 2,
+  VERSION_MINOR = 3,
   HEADER_NBYTES = 32,
   CHUNK_ENTRY_NBYTES = 32,
   VIEW_NBYTES = SLF_NAME_NBYTES + 28,
   SURFACE_NBYTES = SLF_NAME_NBYTES + 16,
   VERTEX_NBYTES = 56,
   TRIANGLE_NBYTES = 12,
+  SLAB_NBYTES = 8,
   MAX_VIEWS = 4096,
   MAX_VERTICES = 1 << 24,
   MAX_TRIANGLES = 1 << 25
@@ -26,6 +27,7 @@ enum {
 enum {
   CHUNK_SCENE = FOURCC('S', 'C', 'E', 'N'),
   CHUNK_MESH = FOURCC('M', 'E', 'S', 'H'),
+  CHUNK_SLAB = FOURCC('S', 'L', 'A', 'B'),
   CHUNK_LAYER = FOURCC('L', 'A', 'Y', 'R'),
   /* The streams of a layer, in the order of stream_kind. */
   CHUNK_BASE = FOURCC('B', 'A', 'S', 'E'),
@@ -34,6 +36,12 @@ enum {
 };
 
 extern const uint8_t slf_magic[8];
+
+/* No thickness, or one of a solid that bends light. */
+static inline bool slab_is_valid(const slf_slab *s) {
+  return s->thickness == 0 ||
+         (s->thickness > 0 && s->thickness < 1e30f && s->ior > 1 && s->ior < 1e3f);
+}
 extern const uint32_t slf_stream_chunks[3]; /* types, by stream_kind */
 
 /* One place for each way a chunk's bytes become numbers: little-endian, byte by byte. */

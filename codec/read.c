@@ -88,22 +88,27 @@ static slf_result read_chunk_table(slf_file *file, slf_error *error) {
   return SLF_OK;
 }
 
-/* The one chunk of a type for a surface and layer; its checksum is checked unless it holds blocks.
- */
+/* The one chunk of a type for a surface and layer, or NULL. */
+static const chunk *look_up(const slf_file *file, uint32_t type, uint32_t surface, uint32_t layer) {
+  for (uint32_t i = 0; i < file->chunk_count; i++) {
+    const chunk *c = &file->chunks[i];
+    if (c->type == type && c->surface == surface && c->layer == layer) return c;
+  }
+  return NULL;
+}
+
+/* The same where there has to be one; its checksum is checked unless it holds blocks. */
 static slf_result find_chunk(const slf_file *file, uint32_t type, uint32_t surface, uint32_t layer,
                              const chunk **found, slf_error *error) {
   char name[5];
-  for (uint32_t i = 0; i < file->chunk_count; i++) {
-    const chunk *c = &file->chunks[i];
-    if (c->type != type || c->surface != surface || c->layer != layer) continue;
-    *found = c;
-    bool blocks = type == CHUNK_BASE || type == CHUNK_KEYS || type == CHUNK_REST;
-    if (blocks) return SLF_OK;
-    if (c->offset + c->nbytes > file->nbytes) return needs_more(file, c->offset + c->nbytes, error);
-    return check_crc(file, c, error);
-  }
-  return slf_fail(error, SLF_ERROR_FORMAT, "%s: no chunk %s for surface %u, layer %u", file->name,
-                  type_name(type, name), surface, layer);
+  const chunk *c = *found = look_up(file, type, surface, layer);
+  if (!c)
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: no chunk %s for surface %u, layer %u", file->name,
+                    type_name(type, name), surface, layer);
+  bool blocks = type == CHUNK_BASE || type == CHUNK_KEYS || type == CHUNK_REST;
+  if (blocks) return SLF_OK;
+  if (c->offset + c->nbytes > file->nbytes) return needs_more(file, c->offset + c->nbytes, error);
+  return check_crc(file, c, error);
 }
 
 static slf_result bad_size(const slf_file *file, const chunk *c, uint64_t expected,
@@ -223,6 +228,21 @@ static slf_result read_mesh(slf_file *file, uint32_t index, slf_error *error) {
   }
   mesh->vertices = surface->vertices;
   mesh->triangles = surface->triangles;
+  return SLF_OK;
+}
+
+/* Few surfaces have one. */
+static slf_result read_slab(slf_file *file, uint32_t index, slf_error *error) {
+  slf_slab *slab = &file->surfaces[index].public.slab;
+  const chunk *c;
+  if (!look_up(file, CHUNK_SLAB, index, 0)) return SLF_OK;
+  slf_result result = find_chunk(file, CHUNK_SLAB, index, 0, &c, error);
+  if (result != SLF_OK) return result;
+  if (c->nbytes != SLAB_NBYTES) return bad_size(file, c, SLAB_NBYTES, error);
+  *slab = (slf_slab){get_f32(file->bytes + c->offset), get_f32(file->bytes + c->offset + 4)};
+  if (slab->thickness == 0 || !slab_is_valid(slab))
+    return slf_fail(error, SLF_ERROR_FORMAT, "%s: surface %u: slab %g thick, of index %g",
+                    file->name, index, slab->thickness, slab->ior);
   return SLF_OK;
 }
 
@@ -404,6 +424,7 @@ static slf_result read_all(slf_file *file, slf_error *error) {
   if (result == SLF_OK) result = read_scene(file, error);
   for (uint32_t i = 0; result == SLF_OK && i < file->surface_count; i++) {
     result = read_mesh(file, i, error);
+    if (result == SLF_OK) result = read_slab(file, i, error);
     if (result == SLF_OK) result = read_layers(file, i, error);
   }
   return result;

@@ -122,12 +122,22 @@ typedef struct {
   float height_unit;         /* of SLF_ROLE_HEIGHT, scene units; else 0 */
 } slf_layer;
 
+/* What is behind a flat surface through which light passes: a solid whose far side is parallel,
+ * `thickness` scene units behind, and whose other sides stand at right angles along the edges of
+ * the surface. What enters leaves by the far side in its own direction, but for mirroring at the
+ * others. Thickness 0: nothing is known of it. */
+typedef struct {
+  float thickness;
+  float ior; /* index of refraction, above 1 */
+} slf_slab;
+
 typedef struct {
   char name[SLF_NAME_NBYTES];
   uint32_t flags; /* SLF_SURFACE_... */
   slf_mesh mesh;
   uint32_t layer_count;
   const slf_layer *layers;
+  slf_slab slab;
 } slf_surface;
 
 /* A camera as POV-Ray's perspective camera means it; left-handed, sky = +y. */
@@ -255,7 +265,7 @@ slf_result slf_writer_create(const char *path, slf_writer **writer, slf_error *e
 slf_result slf_writer_add_view(slf_writer *writer, const slf_view *view, slf_error *error);
 void slf_writer_set_background(slf_writer *writer, const float linear_rgb[3]);
 
-/* Adds a surface (name, flags, mesh are read; layers are added by the next call). */
+/* Adds a surface (name, flags, mesh, slab are read; layers are added by the next call). */
 slf_result slf_writer_add_surface(slf_writer *writer, const slf_surface *surface, slf_error *error);
 /* Encodes a layer of the surface added last. The same input gives the same bytes, whatever the
  * number of threads. Memory is a few slices, whatever their number and the size of the file: what

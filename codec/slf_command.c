@@ -109,10 +109,12 @@ static int info(int argc, char **argv) {
   }
   for (uint32_t i = 0; i < slf_surface_count(file); i++) {
     const slf_surface *s = slf_get_surface(file, i);
-    printf("surface %u %s  %u vertices, %u triangles%s%s%s\n", i, s->name, s->mesh.vertex_count,
+    printf("surface %u %s  %u vertices, %u triangles%s%s%s", i, s->name, s->mesh.vertex_count,
            s->mesh.triangle_count, s->flags & SLF_SURFACE_WRAP_U ? ", wraps in u" : "",
            s->flags & SLF_SURFACE_WRAP_V ? ", wraps in v" : "",
            s->flags & SLF_SURFACE_WATER ? ", water" : "");
+    if (s->slab.thickness > 0) printf(", a slab of %g, index %g", s->slab.thickness, s->slab.ior);
+    putchar('\n');
     for (uint32_t j = 0; j < s->layer_count; j++) print_layer(&s->layers[j], j);
   }
   slf_close(file);

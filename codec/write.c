@@ -160,9 +160,9 @@ static slf_result check_mesh(const slf_writer *writer, const slf_surface *surfac
 
 slf_result slf_writer_add_surface(slf_writer *writer, const slf_surface *surface,
                                   slf_error *error) {
-  if (!name_is_valid(surface->name) || surface->flags > 7 ||
+  if (!name_is_valid(surface->name) || surface->flags > 7 || !slab_is_valid(&surface->slab) ||
       writer->surface_count == SLF_MAX_SURFACES)
-    return slf_fail(error, SLF_ERROR_ARGUMENT, "%s: surface %u: bad name or flags %#x",
+    return slf_fail(error, SLF_ERROR_ARGUMENT, "%s: surface %u: bad name, flags %#x or slab",
                     writer->path, writer->surface_count, surface->flags);
   slf_result result = check_mesh(writer, surface, error);
   if (result != SLF_OK) return result;
@@ -192,6 +192,13 @@ slf_result slf_writer_add_surface(slf_writer *writer, const slf_surface *surface
   for (uint32_t i = 0; i < 3 * mesh->triangle_count; i++, p += 4) put_u32(p, mesh->triangles[i]);
   writer->surface_count++;
   result = add_bytes(writer, CHUNK_MESH, bytes, nbytes, error);
+  if (result == SLF_OK && surface->slab.thickness > 0) {
+    uint8_t slab[SLAB_NBYTES];
+    put_f32(slab, surface->slab.thickness);
+    put_f32(slab + 4, surface->slab.ior);
+    result = add_bytes(writer, CHUNK_SLAB, slab, sizeof slab, error);
+    if (result != SLF_OK) writer->chunk_count--;
+  }
   if (result != SLF_OK) writer->surface_count--;
   free(bytes);
   return result;
@@ -293,7 +300,7 @@ static slf_result add_scene(slf_writer *writer, slf_error *error) {
 /* What is needed first stands first: the scene, the meshes, the layers' tables; the base of all and
  * matte layers, the keys, the rest. */
 static int chunk_place(const written_chunk *c) {
-  static const uint32_t order[] = {CHUNK_SCENE, CHUNK_MESH, CHUNK_LAYER,
+  static const uint32_t order[] = {CHUNK_SCENE, CHUNK_MESH, CHUNK_SLAB, CHUNK_LAYER,
                                    CHUNK_BASE,  CHUNK_KEYS, CHUNK_REST};
   uint32_t type = c->type == CHUNK_REST && c->matte ? CHUNK_BASE : c->type;
   int place = 0;

@@ -196,7 +196,8 @@ INLINE f8 magnitude(f8 x) {
 /* ---- What a slice sees --------------------------------------------------------------------------
  */
 
-/* Eight rays, from texels of the light, less half a texel. */
+/* Eight rays, from texels of the light, less half a texel: behind a slab, from where they leave
+ * it, as if its other sides did not mirror. */
 typedef struct {
   f8 x, y, qx, qy;
   f8 across[4], bend[4], turn[2]; /* of a curved surface: depth_frames.h */
@@ -204,7 +205,8 @@ typedef struct {
 
 /* A slice for each of them. */
 typedef struct {
-  f8 dx, dy; /* its slopes less the ray's */
+  f8 dx, dy;               /* its slopes less the ray's */
+  f8 through_x, through_y; /* to where it enters the slab */
   f8 weight;
   i8 texel; /* its first */
 } sight;
@@ -363,6 +365,12 @@ static void place(const depth_field *field, uint32_t block_u, uint32_t block_v,
     f8 slope = 1.0f / root(1.0f - s * s - t * t);
     store(rays->qx + row, (scale[0] * s + scale[1] * t) * slope);
     store(rays->qy + row, (scale[2] * s + scale[3] * t) * slope);
+    if (field->through) {
+      const slf_slab *slab = &field->slab;
+      f8 inside = slab->thickness / root(slab->ior * slab->ior - s * s - t * t);
+      store(rays->through_x + row, (scale[0] * s + scale[1] * t) * inside);
+      store(rays->through_y + row, (scale[2] * s + scale[3] * t) * inside);
+    }
     f8 i = (0.5f * s_count) * s + (0.5f * s_count - 0.5f);
     f8 j = (0.5f * t_count) * t + (0.5f * t_count - 0.5f);
     i = smaller(larger(i, all(0)), all(s_count - 1));
@@ -416,15 +424,24 @@ static __attribute__((noinline)) void stand_in(const depth_field *field, const i
     s[k].weight = choose(exists, s[k].weight, all(0));
     s[k].dx = choose(exists, s[k].dx, all(0));
     s[k].dy = choose(exists, s[k].dy, all(0));
+    s[k].through_x = choose(exists, s[k].through_x, all(0));
+    s[k].through_y = choose(exists, s[k].through_y, all(0));
   }
 }
 
 /* Slices of those numbers, one for each ray. */
 INLINE sight sight_of(const depth_field *field, const bundle *b, i8 number, f8 weight) {
-  return (sight){.dx = (f8)gather(field->slopes, number * 2) - b->qx,
-                 .dy = (f8)gather(field->slopes, number * 2 + 1) - b->qy,
-                 .weight = weight,
-                 .texel = number * (int32_t)field->pages.slice_texels};
+  sight s = {.dx = (f8)gather(field->slopes, number * 2) - b->qx,
+             .dy = (f8)gather(field->slopes, number * 2 + 1) - b->qy,
+             .through_x = all(0),
+             .through_y = all(0),
+             .weight = weight,
+             .texel = number * (int32_t)field->pages.slice_texels};
+  if (field->through) {
+    s.through_x = (f8)gather(field->through, number * 2);
+    s.through_y = (f8)gather(field->through, number * 2 + 1);
+  }
+  return s;
 }
 
 /* The same, of two numbers. */
@@ -432,10 +449,18 @@ INLINE sight sight_of_two(const depth_field *field, const bundle *b, int32_t num
                           i8 others, f8 weight) {
   const float *one = field->slopes[number], *two = field->slopes[other];
   const int32_t texels = (int32_t)field->pages.slice_texels;
-  return (sight){.dx = choose(others, all(two[0]), all(one[0])) - b->qx,
-                 .dy = choose(others, all(two[1]), all(one[1])) - b->qy,
-                 .weight = weight,
-                 .texel = all_int(number * texels) + (others & (other - number) * texels)};
+  sight s = {.dx = choose(others, all(two[0]), all(one[0])) - b->qx,
+             .dy = choose(others, all(two[1]), all(one[1])) - b->qy,
+             .through_x = all(0),
+             .through_y = all(0),
+             .weight = weight,
+             .texel = all_int(number * texels) + (others & (other - number) * texels)};
+  if (field->through) {
+    one = field->through[number], two = field->through[other];
+    s.through_x = choose(others, all(two[0]), all(one[0]));
+    s.through_y = choose(others, all(two[1]), all(one[1]));
+  }
+  return s;
 }
 
 /* The four slices around the rays of eight texels. */
@@ -446,6 +471,7 @@ static void look_around(const depth_field *field, const depth_rays *rays,
   b->y = rays->y + field->texel_v * to_float(k >> 3);
   b->qx = pick(rays->qx, texels), b->qy = pick(rays->qy, texels);
   f8 f = pick(rays->f, texels), g = pick(rays->g, texels);
+  if (field->through) b->x -= pick(rays->through_x, texels), b->y -= pick(rays->through_y, texels);
   for (int l = 0; l < LANES; l++) cell[l] = rays->cell[texels[l]];
   if (field->frames) pick_frames(field, b);
   i8 missing = all_int(0);
@@ -473,6 +499,27 @@ INLINE f8 height_of(const depth_field *field, f8 code) {
   return field->unit * code / (256.0f - code);
 }
 
+/* What a slab's side mirrors is seen on past the side as if that were not there: the ray and what a
+ * slice shows have to leave on the same side of all edges, or one sees the thing and the other its
+ * mirror image. */
+INLINE i8 leave_alike(f8 at, f8 right, uint32_t count) {
+  enum { MOST_TIMES = 1024 /* that a side is passed; so that truncating rounds down */ };
+  const float part = 1.0f / (float)count;
+  f8 left_at = (at + 0.5f) * part + (float)MOST_TIMES;
+  return to_int(left_at) == to_int(left_at + right * part);
+}
+
+/* Where a slice sees, of a flat surface, what lies right_u, right_v from where the ray meets the
+ * tangent plane. */
+INLINE reading see_flat(const depth_field *field, const bundle *b, const sight *s, f8 right_u,
+                        f8 right_v) {
+  reading r = find(field, s, b->x + right_u + s->through_x, b->y + right_v + s->through_y);
+  if (field->through)
+    r.inside &= leave_alike(b->x, right_u, field->pages.u_count) &
+                leave_alike(b->y, right_v, field->pages.v_count);
+  return r;
+}
+
 /* Where a slice sees what the ray meets at a height, and the code that it should see there.
  * Curved, by depth_frames.h: at texel e away the slice's ray leaves along -q + turn . e (q_v, -q_u)
  * + bend e in the tangent plane and rises by 1 + q . bend e; to first order in e it meets the point
@@ -481,7 +528,7 @@ INLINE reading see_from(const depth_field *field, const bundle *b, const sight *
                         f8 *expected) {
   f8 right_u = h * s->dx, right_v = h * s->dy;
   *expected = code;
-  if (!field->frames) return find(field, s, b->x + right_u, b->y + right_v);
+  if (!field->frames) return see_flat(field, b, s, right_u, right_v);
   const f8 *p = b->across, *n = b->bend, *w = b->turn;
   f8 q_u = b->qx + s->dx, q_v = b->qy + s->dy;
   f8 rise_u = q_u * n[0] + q_v * n[2], rise_v = q_u * n[1] + q_v * n[3];
@@ -623,6 +670,8 @@ static uint64_t mix(depth_field *field, depth_rays *rays, const depth_guess *gue
   for (int k = 1; k < 4; k++) {
     i8 heavier = s[k].weight > first.weight;
     first.dx = choose(heavier, s[k].dx, first.dx), first.dy = choose(heavier, s[k].dy, first.dy);
+    first.through_x = choose(heavier, s[k].through_x, first.through_x);
+    first.through_y = choose(heavier, s[k].through_y, first.through_y);
     first.weight = choose(heavier, s[k].weight, first.weight);
     first.texel = choose_int(heavier, s[k].texel, first.texel);
   }
@@ -648,6 +697,8 @@ static void mix_four_tap(depth_field *field, depth_rays *rays, const depth_guess
   sight s[4];
   verdict v = {.code = all(0), .score = all(0), .agreed = all(0)};
   look_around(field, rays, guess->texels, &b, s);
+  if (field->through)
+    b.x += pick(rays->through_x, guess->texels), b.y += pick(rays->through_y, guess->texels);
   for (int k = 0; k < 4; k++) {
     v.at[k] = find(field, &s[k], b.x, b.y);
     v.weight[k] = s[k].weight;
@@ -669,7 +720,7 @@ static f8 follow(depth_field *field, const bundle *b, const sight *s) {
      last_code = all(0);
   i8 going = ((float)MAX_STEPS * step >= LEAST_REACH * field->unit) & (s->weight >= LEAST_WITNESS);
   for (int i = 0; i < MAX_STEPS && mask_bits(going); i++) {
-    reading at = find(field, s, b->x + h * s->dx, b->y + h * s->dy);
+    reading at = see_flat(field, b, s, h * s->dx, h * s->dy);
     f8 code = look(field, &at), seen = height_of(field, code), open = seen - h;
     i8 hit =
         (open <= all(0)) & (last_open > all(0)) & (magnitude(code - last_code) <= all(EDGE_CODES));
@@ -774,6 +825,7 @@ static void open_fan(const depth_field *field, const depth_rays *rays, uint32_t 
   a->b.x = all(rays->x + field->texel_u * (float)(texel % 8));
   a->b.y = all(rays->y + field->texel_v * (float)(texel / 8));
   a->b.qx = all(rays->qx[texel]), a->b.qy = all(rays->qy[texel]);
+  if (field->through) a->b.x -= rays->through_x[texel], a->b.y -= rays->through_y[texel];
   if (field->frames) pick_frames(field, &a->b);
   for (int g = 0; g < a->group_count; g++) {
     i8 number;
@@ -864,6 +916,8 @@ INLINE void look_along(const depth_field *field, const depth_rays *rays, int row
   b->x = rays->x + field->texel_u * to_float(columns);
   b->y = all(rays->y + field->texel_v * (float)row);
   b->qx = load(rays->qx + 8 * row), b->qy = load(rays->qy + 8 * row);
+  if (field->through)
+    b->x -= load(rays->through_x + 8 * row), b->y -= load(rays->through_y + 8 * row);
   f8 f = load(rays->f + 8 * row), g = load(rays->g + 8 * row), left = 1.0f - f - g;
   memcpy(&cell, rays->cell + 8 * row, sizeof cell);
   if (field->frames) pick_frames(field, b);

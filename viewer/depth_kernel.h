@@ -16,6 +16,9 @@ typedef struct {
   float unit;          /* of the heights */
   float (*slopes)[2]; /* of each slice by number (depth_pages.h), texels a unit of height; NAN where
                          there is no slice */
+  slf_slab slab;
+  float (*through)[2];    /* of each slice, as slopes: texels that it passes on its way through the
+                             slab;    NULL: there is none */
   float texel_u, texel_v; /* texels of light per texel mixed */
   float scale[4];         /* see flat_texel_scale */
   bool shared; /* with other threads: a page that is not there is noted, not brought in */
@@ -26,6 +29,7 @@ typedef struct {
 typedef struct {
   float x, y; /* of the block's first texel */
   float qx[64], qy[64];
+  float through_x[64], through_y[64]; /* texels passed on the way through a slab */
   int32_t cell[64];   /* the slice before it, along S and along T: the first of the four around */
   float f[64], g[64]; /* how far it is from there to the next, along S and T */
   float code[64];     /* of the height that was found, below 0 for none, as at first */

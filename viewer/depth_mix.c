@@ -332,8 +332,9 @@ void depth_mixer_use_kernel(depth_mixer *m, resample_kernel kernel) {
 #endif
 }
 
-/* Of the slices by number; NULL if memory ran out. */
-static float (*find_slopes(const depth_pages *p, const float scale[4]))[2] {
+/* Of the slices by number: texels that they pass on a unit's height, or on their way through a
+ * slab. NULL if memory ran out. */
+static float (*find_slopes(const depth_pages *p, const float scale[4], const slf_slab *slab))[2] {
   float(*slopes)[2] = calloc(p->slice_count, sizeof *slopes);
   for (uint32_t number = 0; slopes && number < p->slice_count; number++) {
     const uint32_t i = number / (p->t_count + 1), j = number % (p->t_count + 1);
@@ -342,8 +343,10 @@ static float (*find_slopes(const depth_pages *p, const float scale[4]))[2] {
     if (i == p->s_count || j == p->t_count || !slf_slice_exists(p->s_count, p->t_count, i, j))
       continue;
     slf_direction((i + 0.5) / p->s_count, (j + 0.5) / p->t_count, SLF_BAKED_N_MIN, d);
-    slopes[number][0] = (scale[0] * (float)d[0] + scale[1] * (float)d[1]) / (float)d[2];
-    slopes[number][1] = (scale[2] * (float)d[0] + scale[3] * (float)d[1]) / (float)d[2];
+    double way =
+        slab ? slab->thickness / sqrt((double)slab->ior * slab->ior - 1 + d[2] * d[2]) : 1 / d[2];
+    slopes[number][0] = (scale[0] * (float)d[0] + scale[1] * (float)d[1]) * (float)way;
+    slopes[number][1] = (scale[2] * (float)d[0] + scale[3] * (float)d[1]) * (float)way;
   }
   return slopes;
 }
@@ -369,9 +372,14 @@ depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
   m->last = calloc(block_count, sizeof *m->last);
   m->visits = calloc(block_count, 1);
   m->counts = calloc(m->block_v_count, sizeof *m->counts);
-  if (depth_pages_create(&f->pages, reflected, light, height, heights))
-    f->slopes = find_slopes(&f->pages, f->scale);
-  if (!f->slopes || !m->last || !m->visits || !m->counts || (!flat && !f->frames)) {
+  bool is_slab = flat && surface->slab.thickness > 0;
+  f->slab = surface->slab;
+  if (depth_pages_create(&f->pages, reflected, light, height, heights)) {
+    f->slopes = find_slopes(&f->pages, f->scale, NULL);
+    if (is_slab) f->through = find_slopes(&f->pages, f->scale, &f->slab);
+  }
+  if (!f->slopes || !m->last || !m->visits || !m->counts || (!flat && !f->frames) ||
+      (is_slab && !f->through)) {
     depth_mixer_free(m);
     return NULL;
   }
@@ -393,6 +401,7 @@ depth_mix_counts depth_mixer_counts(const depth_mixer *m) {
 void depth_mixer_free(depth_mixer *m) {
   if (!m) return;
   free(m->field.slopes);
+  free(m->field.through);
   free(m->field.frames);
   free(m->last);
   free(m->visits);

@@ -8,6 +8,9 @@
  * say of h is weighed against each other: a slice that sees something lower is merely hidden and
  * has no say; one that looks further, through the point, proves that the point is not there.
  *
+ * Behind a slab (slf.h) h begins at its far side, and what rays pass in between counts as their
+ * way through it: p_i = p + h (q_i - q) + w_i - w, w = thickness (s, t) / sqrt(ior^2 - s^2 - t^2).
+ *
  * A mixer belongs to one thread at a time, but for depth_mix_block_shared. */
 #ifndef DEPTH_MIX_H
 #define DEPTH_MIX_H

@@ -64,15 +64,16 @@ camera { perspective location <1.2, 2.2, -3.9> right x*4/3 up y angle 48 look_at
 
 // ---- Surfaces ----------------------------------------------------------------------------------------
 // A face of the cube, from a corner and its edges before the turn.
-#macro Face(Name, Corner, Edge_U, Edge_V)
+#macro Face(Name, Corner, Edge_U, Edge_V, Thickness)
   Slf_Quad(Name, vrotate(Corner, Turn), vrotate(Edge_U, Turn), vrotate(Edge_V, Turn), <Texels, Texels>, <Directions, Directions>)
+  Slf_Slab(Name, Thickness, 1.5)
 #end
 #declare E = High - Low;
-Face("cube_near", <High.x, Low.y, Low.z>, -E.x*x, E.y*y)
-Face("cube_far", <Low.x, Low.y, High.z>, E.x*x, E.y*y)
-Face("cube_left", Low, E.z*z, E.y*y)
-Face("cube_right", <High.x, Low.y, High.z>, -E.z*z, E.y*y)
-Face("cube_top", <Low.x, High.y, Low.z>, E.z*z, E.x*x)
+Face("cube_near", <High.x, Low.y, Low.z>, -E.x*x, E.y*y, E.z)
+Face("cube_far", <Low.x, Low.y, High.z>, E.x*x, E.y*y, E.z)
+Face("cube_left", Low, E.z*z, E.y*y, E.x)
+Face("cube_right", <High.x, Low.y, High.z>, -E.z*z, E.y*y, E.x)
+Face("cube_top", <Low.x, High.y, Low.z>, E.z*z, E.x*x, E.y)
 
 Slf_Quad("floor", <-Half, 0, -Half>, 2*Half*z, 2*Half*x, <640, 640>, Slf_Matte)
 Slf_Quad("ceiling", <-Half, Height, -Half>, 2*Half*x, 2*Half*z, <64, 64>, Slf_Matte)

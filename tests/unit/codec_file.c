@@ -89,7 +89,8 @@ static void write_file(const analytic *field, float quality, slf_angular angular
   analytic copy = *field;
   slf_source source = {read_slice, &copy, NULL};
   MUST(slf_writer_add_layer(writer, &options, &source, &error));
-  surface = (slf_surface){.name = "wall", .mesh = {square, two_triangles, 4, 2}};
+  surface = (slf_surface){
+      .name = "wall", .mesh = {square, two_triangles, 4, 2}, .slab = {.thickness = 2, .ior = 1.5f}};
   MUST(slf_writer_add_surface(writer, &surface, &error));
   copy.s_count = copy.t_count = options.s_count = options.t_count = 1;
   MUST(slf_writer_add_layer(writer, &options, &source, &error));
@@ -165,7 +166,24 @@ static void what_was_written_is_read(void **state) {
     for (uint32_t s = 0; s < 5; s++) slices += slf_slice_exists(5, 4, s, t);
   assert_int_equal(layer->slice_count, slices);
   assert_int_equal(slf_get_surface(file, 1)->layers[0].slice_count, 1);
+  assert_true(surface->slab.thickness == 0);
+  const slf_slab *slab = &slf_get_surface(file, 1)->slab;
+  assert_true(slab->thickness == 2 && slab->ior == 1.5f);
   slf_close(file);
+}
+
+static void slabs_bend_light_or_are_refused(void **state) {
+  (void)state;
+  slf_error error;
+  slf_writer *writer;
+  const slf_slab none[] = {{-1, 1.5f}, {NAN, 1.5f}, {INFINITY, 1.5f},
+                           {1, 1},     {1, NAN},    {1, INFINITY}};
+  MUST(slf_writer_create(path, &writer, &error));
+  for (size_t i = 0; i < sizeof none / sizeof *none; i++) {
+    slf_surface surface = {.name = "pane", .mesh = {square, two_triangles, 4, 2}, .slab = none[i]};
+    assert_int_equal(slf_writer_add_surface(writer, &surface, &error), SLF_ERROR_ARGUMENT);
+  }
+  slf_writer_abort(writer);
 }
 
 static void error_falls_as_quality_rises(void **state) {
@@ -611,6 +629,7 @@ static void nothing_is_seen_before_the_end(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(what_was_written_is_read),
+                                     cmocka_unit_test(slabs_bend_light_or_are_refused),
                                      cmocka_unit_test(error_falls_as_quality_rises),
                                      cmocka_unit_test(blocks_agree_with_slices),
                                      cmocka_unit_test(files_of_version_3_1_are_read),

@@ -1,6 +1,6 @@
 /* The mix by depth against a light field in closed form: a mirror of 1 x 1 under a patterned
- * ceiling, with a bar hanging between. What is left is interpolation between texels and 8-bit
- * codes. */
+ * ceiling, with a bar hanging between, or the same seen through a block of glass. What is left is
+ * interpolation between texels and 8-bit codes. */
 #include <math.h>
 #include <pthread.h>
 #include <setjmp.h>
@@ -21,11 +21,12 @@ enum { TEXELS = 64, DIRECTIONS = 8, BLOCKS = TEXELS / 8 };
 /* Waves of 0.25 units, amplitude 0.2: between texels 1/64 apart, linear interpolation is off by at
  * most (1/64)^2 / 8 * 0.2 * (2 pi / 0.25)^2 * 2 axes = 0.0077 */
 static const double wave = 2 * M_PI / 0.25, ceiling = 0.5, bar = 0.2;
-static const double height_unit = 0.5;
+static const double height_unit = 0.5, ior = 1.5;
 static pthread_t main_thread;
 
 typedef struct {
   double bar_width; /* 0 for none; in the middle */
+  double thickness; /* of the glass, 0 for a mirror */
   bool of_height;
   uint8_t blocks[2][SLF_BLOCK_NBYTES];
   int turn;
@@ -35,9 +36,22 @@ typedef struct {
   double height, x, z;
 } hit;
 
-/* What the ray from (x, z) that leaves with slopes (s, t) / n reflects. */
+/* Where on an axis from 0 to 1 what enters the glass at x leaves it, mirrored at 0 and 1 as often
+ * as it takes, and which way it went: *turned is -1 if it was mirrored an odd number of times. */
+static double leave(double x, double *turned) {
+  double cell = floor(x), in = x - cell;
+  bool odd = fabs(fmod(cell, 2)) == 1;
+  *turned = odd ? -1 : 1;
+  return odd ? 1 - in : in;
+}
+
+/* What the ray from (x, z) that leaves with slopes (s, t) / n reflects, or meets behind the glass.
+ */
 static hit reflect(const mirror *m, double x, double z, double s, double t) {
-  double n = sqrt(fmax(1 - s * s - t * t, 1e-4));
+  double n = sqrt(fmax(1 - s * s - t * t, 1e-4)), turned_x, turned_z;
+  double inside = m->thickness / sqrt(ior * ior - s * s - t * t);
+  x = leave(x - inside * s, &turned_x), z = leave(z - inside * t, &turned_z);
+  s *= turned_x, t *= turned_z;
   hit low = {bar, x - bar * s / n, z - bar * t / n};
   if (fabs(low.x - 0.5) < 0.5 * m->bar_width) return low;
   return (hit){ceiling, x - ceiling * s / n, z - ceiling * t / n};
@@ -74,12 +88,15 @@ static void fetch(void *context, uint32_t block_u, uint32_t block_v, const slice
 typedef struct {
   double rms, worst; /* of texels that count */
   uint32_t count;
+  uint32_t off_count;             /* of them off by more than interpolation and codes explain */
+  uint32_t mirrored_count;        /* of them seen in a side of the glass */
   uint32_t bar_count, lost_count; /* of them that reflect the bar; and show the ceiling */
   depth_mix_counts counts;
 } difference;
 
 typedef struct {
-  double bar_width;
+  double bar_width, thickness;
+  bool as_mirror;    /* the mix knows nothing of the glass */
   uint32_t fineness; /* texels mixed a texel, each way */
   double margin;     /* how far from the bar's edges texels count */
   resample_kernel kernel;
@@ -113,9 +130,18 @@ static void compare_block(const mirror *light, const setting *how, uint32_t bloc
     /* The middle half: further out, slices see the point from beyond the mirror's edge. */
     if (fabs(x - 0.5) > 0.3 || fabs(z - 0.5) > 0.3 || (how->bar_width > 0 && to_edge < how->margin))
       continue;
+    /* A texel from where the sides begin to mirror: there half of what is interpolated is mirrored.
+     */
+    double inside = how->thickness / sqrt(ior * ior - s * s - t * t);
+    double left_x = x - inside * s, left_z = z - inside * t;
+    if (how->thickness > 0 && (fabs(left_x - round(left_x)) < 1.0 / TEXELS ||
+                               fabs(left_z - round(left_z)) < 1.0 / TEXELS))
+      continue;
+    sum->mirrored_count += floor(left_x) != 0 || floor(left_z) != 0;
     double off = fabs(float_from_half(out[4 * k]) - radiance(h));
     sum->rms += off * off;
     sum->worst = fmax(sum->worst, off);
+    sum->off_count += off > 0.016;
     sum->count++;
     if (h.height != bar) continue;
     sum->bar_count++;
@@ -141,13 +167,15 @@ static slf_surface unit_square(void) {
 /* The whole mirror as an eye over its middle sees it. Texels count if what they reflect is clear of
  * the bar's edges and seen by all slices around. */
 static difference mix(setting how) {
-  mirror light = {.bar_width = how.bar_width};
-  mirror heights = {.bar_width = how.bar_width, .of_height = true};
+  mirror light = {.bar_width = how.bar_width, .thickness = how.thickness};
+  mirror heights = light;
+  heights.of_height = true;
   slf_layer layer = {
       .u_count = TEXELS, .v_count = TEXELS, .s_count = DIRECTIONS, .t_count = DIRECTIONS};
   slf_layer height = layer;
   height.height_unit = (float)height_unit;
-  const slf_surface square = unit_square();
+  slf_surface square = unit_square();
+  if (!how.as_mirror) square.slab = (slf_slab){(float)how.thickness, (float)ior};
   uint32_t blocks = BLOCKS * how.fineness;
   depth_mixer *m = depth_mixer_create(&layer, (block_source){.fetch = fetch, .context = &light},
                                       &height, (block_source){.fetch = fetch, .context = &heights},
@@ -188,6 +216,20 @@ static void finer_texels_are_as_exact(void **state) {
   difference d = mix((setting){.fineness = 2});
   assert_true(d.count > 4000);
   assert_true(d.worst < 0.016);
+}
+
+static void glass_is_looked_through(void **state) {
+  (void)state;
+  /* Two units thick: half of it is seen in the sides, where these begin between two texels of a
+   * slice their mean is neither's: beside the lines where one of the four slices around crosses
+   * over. */
+  difference d = mix((setting){.thickness = 2, .fineness = 1});
+  assert_true(d.count > 1000);
+  assert_true(d.mirrored_count > 300);
+  assert_true(d.off_count < d.count / 20);
+  /* As if it were a mirror: even what is straight behind is out of place. */
+  assert_true(mix((setting){.thickness = 2, .fineness = 1, .as_mirror = true}).off_count >
+              d.count / 2);
 }
 
 static void things_in_between_keep_their_edges(void **state) {
@@ -239,6 +281,11 @@ static void kernels_give_the_same_bytes(void **state) {
   setting how = {.bar_width = 0.2, .fineness = 1, .eye_steps = 0.5 / TEXELS, .texels = best};
   mix(how);
   how.kernel = RESAMPLE_PLAIN_C, how.texels = plain;
+  mix(how);
+  assert_memory_equal(best, plain, sizeof best);
+  how.thickness = 2;
+  mix(how);
+  how.kernel = RESAMPLE_BEST, how.texels = best;
   mix(how);
   assert_memory_equal(best, plain, sizeof best);
 }
@@ -421,6 +468,7 @@ int main(void) {
       cmocka_unit_test(only_flat_surfaces_have_a_scale),
       cmocka_unit_test(flat_ceiling_is_exact),
       cmocka_unit_test(finer_texels_are_as_exact),
+      cmocka_unit_test(glass_is_looked_through),
       cmocka_unit_test(things_in_between_keep_their_edges),
       cmocka_unit_test(a_thing_between_the_lines_is_not_lost),
       cmocka_unit_test(frames_of_a_flight_keep_what_they_know),
