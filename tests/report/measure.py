@@ -139,8 +139,9 @@ class Report:
         scene = SCENES[name]
 
         def make():
-            cpu_s = run(["tests/truth", scene["scene"], view, SIZE, str(rays), out, *self.declares(name)])
-            return dict(ms=1e3 * max(cpu_s - self.start_s(name, view), 0))
+            times = out.with_suffix(".times")
+            run(["tests/truth", scene["scene"], view, SIZE, str(rays), out, *self.declares(name)], times=str(times))
+            return dict(ms=1e3 * float(times.read_text().split()[1]))
 
         if not out.exists():
             self.forget(f"truth-{name}-{view}-{rays}")
@@ -149,13 +150,6 @@ class Report:
 
     def declares(self, name):
         return [f"Declare={x}" for x in SCENES[name]["declare"].split()]
-
-    def start_s(self, name, view):
-        """What POV-Ray takes to start and to read the scene: not of the frame."""
-        scene = SCENES[name]["scene"]
-        return self.kept(f"start-{name}", lambda: dict(cpu_s=run(
-            ["tests/truth", scene, view, "8x6", "1", self.picture(f"start-{name}"), *self.declares(name)])),
-            f"scenes/{scene}/{scene}.pov")["cpu_s"]
 
     def drawn(self, file, view, *options):
         """The viewer's picture."""
@@ -241,11 +235,7 @@ class Report:
         views = [(name, view) for name in SCENES for view in self.views(name)]
         base = {name: self.base(name)[0] for name in SCENES}
         with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-            def wait(jobs):
-                return [job.result() for job in jobs]
-
-            starts = [pool.submit(self.start_s, name, self.views(name)[0]) for name in SCENES]
-            wait(starts + [pool.submit(self.mask, name, base[name], view) for name, view in views])
+            masks = [pool.submit(self.mask, name, base[name], view) for name, view in views]
             truths = [pool.submit(self.truth, name, view, rays) for name, view in views
                       for rays in [SCENES[name]["truth"], *POV_RAYS]]
             coded = {name: [pool.submit(self.recode, base[name], angular, quality)
@@ -257,7 +247,8 @@ class Report:
                 files += [c.result()[0] for c in coded[name][:len(QUALITIES)]]
                 drawn += [pool.submit(self.drawn, file, view) for file in files]
                 drawn += [pool.submit(self.drawn, base[name], view, "--dice", dice) for dice in [1] + DICE_PX]
-            wait(truths + drawn + [job for jobs in coded.values() for job in jobs])
+            for job in masks + truths + drawn + [job for jobs in coded.values() for job in jobs]:
+                job.result()
 
     def speed_against_error(self, name):
         file, bake_s = self.base(name)
