@@ -3,11 +3,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-typedef struct {
-  float position[3], normal[3], tangent_u[3], tangent_v[3];
-  bool known;
-} frame;
-
 static float dot(const float a[3], const float b[3]) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
@@ -17,7 +12,7 @@ static void normalise(float a[3]) {
   for (int k = 0; k < 3 && length > 0; k++) a[k] /= length;
 }
 
-static void blend(const slf_vertex *const v[3], const float w[3], frame *out) {
+static void blend(const slf_vertex *const v[3], const float w[3], depth_frame *out) {
   for (int k = 0; k < 3; k++) {
     out->position[k] = out->normal[k] = out->tangent_u[k] = 0;
     for (int i = 0; i < 3; i++) {
@@ -38,12 +33,11 @@ static void blend(const slf_vertex *const v[3], const float w[3], frame *out) {
     side += cross[k] * v[0]->tangent_v[k];
   }
   for (int k = 0; k < 3; k++) out->tangent_v[k] = side < 0 ? -cross[k] : cross[k];
-  out->known = true;
 }
 
 /* The frames of the texels whose centres the triangle covers. */
-static void cover(const slf_mesh *mesh, const uint32_t *triangle, frame *frames, uint32_t u_count,
-                  uint32_t v_count) {
+static void cover(const slf_mesh *mesh, const uint32_t *triangle, depth_frame *frames, bool *known,
+                  uint32_t u_count, uint32_t v_count) {
   const slf_vertex *v[3];
   float x[3], y[3];
   for (int i = 0; i < 3; i++) {
@@ -63,54 +57,56 @@ static void cover(const slf_mesh *mesh, const uint32_t *triangle, frame *frames,
       w[2] = ((x[1] - x[0]) * dy - dx * (y[1] - y[0])) / area;
       w[0] = 1 - w[1] - w[2];
       const float hair = -1e-4f;
-      if (w[0] >= hair && w[1] >= hair && w[2] >= hair)
-        blend(v, w, &frames[(size_t)j * u_count + (size_t)i]);
+      if (!(w[0] >= hair && w[1] >= hair && w[2] >= hair)) continue;
+      blend(v, w, &frames[(size_t)j * u_count + (size_t)i]);
+      known[(size_t)j * u_count + (size_t)i] = true;
     }
 }
 
-/* From frame a to frame b, `steps` texels on, seen from the frame at: one column of depth_frame. */
-static void differ(const frame *at, const frame *a, const frame *b, float steps, int column,
-                   depth_frame *out) {
+/* From frame a to frame b, `steps` texels on, seen from the frame at: one column of how that
+ * changes. */
+static void differ(depth_frame *at, const depth_frame *a, const depth_frame *b, float steps,
+                   int column) {
   float moved[3], tilted[3], turned[3];
   for (int k = 0; k < 3; k++) {
     moved[k] = (b->position[k] - a->position[k]) / steps;
     tilted[k] = (b->normal[k] - a->normal[k]) / steps;
     turned[k] = (b->tangent_u[k] - a->tangent_u[k]) / steps;
   }
-  out->across[column] = dot(moved, at->tangent_u);
-  out->across[2 + column] = dot(moved, at->tangent_v);
-  out->bend[column] = dot(tilted, at->tangent_u);
-  out->bend[2 + column] = dot(tilted, at->tangent_v);
-  out->turn[column] = dot(turned, at->tangent_v);
+  at->across[column] = dot(moved, at->tangent_u);
+  at->across[2 + column] = dot(moved, at->tangent_v);
+  at->bend[column] = dot(tilted, at->tangent_u);
+  at->bend[2 + column] = dot(tilted, at->tangent_v);
+  at->turn[column] = dot(turned, at->tangent_v);
 }
 
 depth_frame *depth_frames_create(const slf_mesh *mesh, uint32_t u_count, uint32_t v_count,
                                  bool wrap_u) {
   size_t count = (size_t)u_count * v_count;
-  frame *frames = calloc(count, sizeof *frames);
-  depth_frame *out = calloc(count, sizeof *out);
-  if (!frames || !out) {
+  depth_frame *frames = calloc(count, sizeof *frames);
+  bool *known = calloc(count, sizeof *known);
+  if (!frames || !known) {
     free(frames);
-    free(out);
+    free(known);
     return NULL;
   }
   for (uint32_t i = 0; i < mesh->triangle_count; i++)
-    cover(mesh, mesh->triangles + 3 * (size_t)i, frames, u_count, v_count);
+    cover(mesh, mesh->triangles + 3 * (size_t)i, frames, known, u_count, v_count);
   for (uint32_t j = 0; j < v_count; j++)
     for (uint32_t i = 0; i < u_count; i++) {
-      const frame *row = frames + (size_t)j * u_count, *at = row + i;
-      uint32_t left = i > 0 ? i - 1 : wrap_u ? u_count - 1 : i;
-      uint32_t right = i + 1 < u_count ? i + 1 : wrap_u ? 0 : i;
-      const frame *above = j > 0 ? at - u_count : at, *below = j + 1 < v_count ? at + u_count : at;
+      size_t row = (size_t)j * u_count;
+      size_t left = row + (i > 0 ? i - 1 : wrap_u ? u_count - 1 : i);
+      size_t right = row + (i + 1 < u_count ? i + 1 : wrap_u ? 0 : i);
+      size_t above = row + i - (j > 0 ? u_count : 0),
+             below = row + i + (j + 1 < v_count ? u_count : 0);
       float columns = (i > 0 || wrap_u) + (i + 1 < u_count || wrap_u),
             rows = (j > 0) + (j + 1 < v_count);
-      if (!at->known || !row[left].known || !row[right].known || !above->known || !below->known ||
+      if (!known[row + i] || !known[left] || !known[right] || !known[above] || !known[below] ||
           columns == 0 || rows == 0)
         continue;
-      depth_frame *d = &out[(size_t)j * u_count + i];
-      differ(at, &row[left], &row[right], columns, 0, d);
-      differ(at, above, below, rows, 1, d);
+      differ(&frames[row + i], &frames[left], &frames[right], columns, 0);
+      differ(&frames[row + i], &frames[above], &frames[below], rows, 1);
     }
-  free(frames);
-  return out;
+  free(known);
+  return frames;
 }

@@ -1,4 +1,4 @@
-/* depth_frames.h - how a curved surface's tangent frame changes from texel to texel.
+/* depth_frames.h - a curved surface's tangent frames, and how they change from texel to texel.
  *
  * A texel's neighbour at (e_u, e_v), in texels, lies across e away in the tangent plane, and its
  * frame is this one's but for a normal tilted by bend e and tangents turned by turn . e about it.
@@ -11,6 +11,7 @@
 #include "slf.h"
 
 typedef struct {
+  float position[3], normal[3], tangent_u[3], tangent_v[3]; /* at the texel's centre */
   float across[4]; /* scene units along tangent_u and tangent_v for a texel along u, along v:
                       {u_tu, v_tu, u_tv, v_tv} */
   float bend[4];   /* the same of the normal's tilt */

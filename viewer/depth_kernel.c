@@ -196,11 +196,16 @@ INLINE f8 magnitude(f8 x) {
 /* ---- What a slice sees --------------------------------------------------------------------------
  */
 
+/* Eight of a curved surface's frames: depth_frames.h. */
+typedef struct {
+  f8 position[3], normal[3], tangent_u[3], tangent_v[3], across[4], bend[4], turn[2];
+} frame8;
+
 /* Eight rays, from texels of the light, less half a texel: behind a slab, from where they leave
  * it, as if its other sides did not mirror. */
 typedef struct {
   f8 x, y, qx, qy;
-  f8 across[4], bend[4], turn[2]; /* of a curved surface: depth_frames.h */
+  frame8 at; /* on a curved surface */
 } bundle;
 
 /* A slice for each of them. */
@@ -389,19 +394,37 @@ INLINE f8 pick(const float *of_texel, const uint8_t texels[LANES]) {
   return v;
 }
 
-static void pick_frames(const depth_field *field, bundle *b) {
+/* The frames at texels (x, y) of the light: those of the nearest, moved on by how they change. */
+static __attribute__((noinline)) void frames_at(const depth_field *field, const f8 *x, const f8 *y,
+                                                frame8 *at) {
   enum { COUNT = sizeof(depth_frame) / sizeof(float) };
   const depth_pages *p = &field->pages;
   float numbers[COUNT][LANES];
-  f8 x = smaller(b->x + 0.5f, all((float)(p->u_count - 1)));
-  f8 y = smaller(b->y + 0.5f, all((float)(p->v_count - 1)));
+  f8 u = *x + 0.5f, v = *y + 0.5f;
+  if (p->wrap_u) {
+    f8 round = all((float)p->u_count);
+    u = choose(u < all(0), u + round, choose(u >= round, u - round, u));
+  }
+  i8 i = to_int(smaller(larger(u, all(0)), all((float)p->u_count - 0.5f)));
+  i8 j = to_int(smaller(larger(v, all(0)), all((float)p->v_count - 0.5f)));
   for (int l = 0; l < LANES; l++) {
     float of_one[COUNT];
-    memcpy(of_one, &field->frames[(size_t)y[l] * p->u_count + (size_t)x[l]], sizeof of_one);
-    for (int i = 0; i < COUNT; i++) numbers[i][l] = of_one[i];
+    memcpy(of_one, &field->frames[(size_t)j[l] * p->u_count + (size_t)i[l]], sizeof of_one);
+    for (int k = 0; k < COUNT; k++) numbers[k][l] = of_one[k];
   }
-  for (int i = 0; i < 4; i++) b->across[i] = load(numbers[i]), b->bend[i] = load(numbers[4 + i]);
-  for (int i = 0; i < 2; i++) b->turn[i] = load(numbers[8 + i]);
+  memcpy(at, numbers, sizeof numbers);
+  f8 e_u = u - to_float(i) - 0.5f, e_v = v - to_float(j) - 0.5f;
+  f8 right_u = at->across[0] * e_u + at->across[1] * e_v;
+  f8 right_v = at->across[2] * e_u + at->across[3] * e_v;
+  f8 tilt_u = at->bend[0] * e_u + at->bend[1] * e_v, tilt_v = at->bend[2] * e_u + at->bend[3] * e_v;
+  f8 turn = at->turn[0] * e_u + at->turn[1] * e_v;
+  for (int k = 0; k < 3; k++) {
+    f8 n = at->normal[k], t_u = at->tangent_u[k], t_v = at->tangent_v[k];
+    at->position[k] += t_u * right_u + t_v * right_v;
+    at->normal[k] += t_u * tilt_u + t_v * tilt_v;
+    at->tangent_u[k] += t_v * turn - n * tilt_u;
+    at->tangent_v[k] -= t_u * turn + n * tilt_v;
+  }
 }
 
 INLINE i8 slice_of(const depth_field *field, i8 cell, int corner) {
@@ -473,7 +496,7 @@ static void look_around(const depth_field *field, const depth_rays *rays,
   f8 f = pick(rays->f, texels), g = pick(rays->g, texels);
   if (field->through) b->x -= pick(rays->through_x, texels), b->y -= pick(rays->through_y, texels);
   for (int l = 0; l < LANES; l++) cell[l] = rays->cell[texels[l]];
-  if (field->frames) pick_frames(field, b);
+  if (field->frames) frames_at(field, &b->x, &b->y, &b->at);
   i8 missing = all_int(0);
   for (int c = 0; c < 4; c++) {
     f8 along_s = c & 1 ? f : 1.0f - f, along_t = c & 2 ? g : 1.0f - g;
@@ -520,29 +543,74 @@ INLINE reading see_flat(const depth_field *field, const bundle *b, const sight *
   return r;
 }
 
-/* Where a slice sees what the ray meets at a height, and the code that it should see there.
- * Curved, by depth_frames.h: at texel e away the slice's ray leaves along -q + turn . e (q_v, -q_u)
- * + bend e in the tangent plane and rises by 1 + q . bend e; to first order in e it meets the point
- * if (across + h (bend + (q_v, -q_u) turn + q (q . bend))) e = h (q_k - q). */
-INLINE reading see_from(const depth_field *field, const bundle *b, const sight *s, f8 h, f8 code,
-                        f8 *expected) {
-  f8 right_u = h * s->dx, right_v = h * s->dy;
-  *expected = code;
-  if (!field->frames) return see_flat(field, b, s, right_u, right_v);
-  const f8 *p = b->across, *n = b->bend, *w = b->turn;
-  f8 q_u = b->qx + s->dx, q_v = b->qy + s->dy;
+/* A point in frames: along their tangents, and above them. */
+typedef struct {
+  f8 u, v, height;
+} place8;
+
+INLINE f8 dot(const f8 a[3], const f8 b[3]) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* How many texels on a slice's ray, of slopes (q_u, q_v), meets the point, and how much higher the
+ * point is there, to first order in frames at e, of which it leaves along -q + turn . e (q_v, -q_u)
+ * + bend e in the tangent plane and rises by 1 + q . bend e: (across + h (bend + (q_v, -q_u) turn +
+ * q (q . bend))) e = point + h q. */
+INLINE void step_to(const frame8 *at, const place8 *point, f8 q_u, f8 q_v, f8 *e_u, f8 *e_v,
+                    f8 *rise) {
+  const f8 *p = at->across, *n = at->bend, *w = at->turn, h = point->height;
+  f8 right_u = point->u + h * q_u, right_v = point->v + h * q_v;
   f8 rise_u = q_u * n[0] + q_v * n[2], rise_v = q_u * n[1] + q_v * n[3];
   f8 uu = p[0] + h * (n[0] + q_v * w[0] + q_u * rise_u),
      uv = p[1] + h * (n[1] + q_v * w[1] + q_u * rise_v);
   f8 vu = p[2] + h * (n[2] - q_u * w[0] + q_v * rise_u),
      vv = p[3] + h * (n[3] - q_u * w[1] + q_v * rise_v);
   f8 scale = 1.0f / (uu * vv - uv * vu);
-  f8 e_u = (right_u * vv - right_v * uv) * scale, e_v = (uu * right_v - vu * right_u) * scale;
-  f8 drop = (n[0] * e_u + n[1] * e_v) * (p[0] * e_u + p[1] * e_v) +
-            (n[2] * e_u + n[3] * e_v) * (p[2] * e_u + p[3] * e_v);
-  f8 there = (h + 0.5f * drop) / (1.0f + rise_u * e_u + rise_v * e_v);
+  *e_u = (right_u * vv - right_v * uv) * scale, *e_v = (uu * right_v - vu * right_u) * scale;
+  f8 shorten =
+      (float)LONGEST_STEP / larger(larger(magnitude(*e_u), magnitude(*e_v)), all(LONGEST_STEP));
+  *e_u *= shorten, *e_v *= shorten;
+  *rise = (n[0] * *e_u + n[1] * *e_v) * point->u + (n[2] * *e_u + n[3] * *e_v) * point->v;
+}
+
+/* The same from texel to texel, by Newton's method: what one slice sees through a ripple lies
+ * beyond the next one's. */
+static __attribute__((noinline)) reading see_curved(const depth_field *field, const bundle *b,
+                                                    const sight *s, const f8 *height,
+                                                    f8 *expected) {
+  f8 q_u = b->qx + s->dx, q_v = b->qy + s->dy, x = b->x, y = b->y, point[3], e_u, e_v, rise;
+  place8 from = {-*height * b->qx, -*height * b->qy, *height};
+  for (int k = 0; k < 3; k++)
+    point[k] = b->at.position[k] + from.u * b->at.tangent_u[k] + from.v * b->at.tangent_v[k] +
+               from.height * b->at.normal[k];
+  frame8 next;
+  const frame8 *at = &b->at;
+  i8 moving = all_int(-1);
+  for (int i = 0;; i++) {
+    step_to(at, &from, q_u, q_v, &e_u, &e_v, &rise);
+    x = choose(moving, x + e_u, x), y = choose(moving, y + e_v, y);
+    *expected = from.height + rise;
+    moving = ~(larger(magnitude(e_u), magnitude(e_v)) < all(SETTLED_TEXELS));
+    if (i == MEET_STEPS || !mask_bits(moving)) break;
+    frames_at(field, &x, &y, &next);
+    at = &next;
+    f8 off[3];
+    for (int k = 0; k < 3; k++) off[k] = point[k] - at->position[k];
+    from = (place8){dot(off, at->tangent_u), dot(off, at->tangent_v), dot(off, at->normal)};
+  }
+  f8 there = larger(*expected, all(0));
   *expected = 256.0f * there / (field->unit + there);
-  return find(field, s, b->x + e_u, b->y + e_v);
+  reading r = find(field, s, x, y);
+  r.inside &= ~moving;
+  return r;
+}
+
+/* Where a slice sees what the ray meets at a height, and the code that it should see there. */
+INLINE reading see_from(const depth_field *field, const bundle *b, const sight *s, f8 h, f8 code,
+                        f8 *expected) {
+  *expected = code;
+  return field->frames ? see_curved(field, b, s, &h, expected)
+                       : see_flat(field, b, s, h * s->dx, h * s->dy);
 }
 
 /* What a slice sees there, less what it should. */
@@ -826,7 +894,7 @@ static void open_fan(const depth_field *field, const depth_rays *rays, uint32_t 
   a->b.y = all(rays->y + field->texel_v * (float)(texel / 8));
   a->b.qx = all(rays->qx[texel]), a->b.qy = all(rays->qy[texel]);
   if (field->through) a->b.x -= rays->through_x[texel], a->b.y -= rays->through_y[texel];
-  if (field->frames) pick_frames(field, &a->b);
+  if (field->frames) frames_at(field, &a->b.x, &a->b.y, &a->b.at);
   for (int g = 0; g < a->group_count; g++) {
     i8 number;
     memcpy(&number, numbers + LANES * g, sizeof number);
@@ -920,7 +988,7 @@ INLINE void look_along(const depth_field *field, const depth_rays *rays, int row
     b->x -= load(rays->through_x + 8 * row), b->y -= load(rays->through_y + 8 * row);
   f8 f = load(rays->f + 8 * row), g = load(rays->g + 8 * row), left = 1.0f - f - g;
   memcpy(&cell, rays->cell + 8 * row, sizeof cell);
-  if (field->frames) pick_frames(field, b);
+  if (field->frames) frames_at(field, &b->x, &b->y, &b->at);
   i8 beyond = left < all(0);
   f8 along_s = choose(beyond, 1.0f - g, f) + LEAST_WEIGHT;
   f8 along_t = choose(beyond, 1.0f - f, g) + LEAST_WEIGHT;

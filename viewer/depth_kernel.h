@@ -113,10 +113,15 @@ enum {
   EDGE_CODES = 12, /* heights further apart are of two things */
   STEP_TEXELS = 2, /* that a ray is followed through a slice by, */
   MAX_STEPS = 48,  /* so many times */
-  CURVED_STEPS = 6
+  CURVED_STEPS = 6,
+  /* Of Newton's steps to where a slice of a curved surface sees a point, the longest, in texels, */
+  LONGEST_STEP = 24,
+  MEET_STEPS = 5 /* and how many */
 };
 /* A slice is not followed that looks so far aslant that it would not be followed to this height, in
  * units, or that has hardly any weight. */
+/* Texels by which the last of them may still have moved. */
+#define SETTLED_TEXELS 0.3f
 #define LEAST_REACH 0.1f
 #define LEAST_WITNESS 0.03f
 /* What is lower hides what is higher if it is judged this well beside it. */
