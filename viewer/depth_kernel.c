@@ -787,6 +787,7 @@ static f8 follow(depth_field *field, const bundle *b, const sight *s) {
   f8 step = (float)STEP_TEXELS / d, h = all(0), met = all(-1), last_open = all(1),
      last_code = all(0);
   i8 going = ((float)MAX_STEPS * step >= LEAST_REACH * field->unit) & (s->weight >= LEAST_WITNESS);
+  i8 hidden = all_int(0); /* steps since it was in the open */
   for (int i = 0; i < MAX_STEPS && mask_bits(going); i++) {
     reading at = see_flat(field, b, s, h * s->dx, h * s->dy);
     f8 code = look(field, &at), seen = height_of(field, code), open = seen - h;
@@ -798,7 +799,8 @@ static f8 follow(depth_field *field, const bundle *b, const sight *s) {
     i8 close = ~hit & (d * magnitude(open) < all(0.5f));
     going &= at.inside;
     met = choose(going & (hit | close), choose(hit, there, seen), met);
-    going &= ~(hit | close);
+    hidden = (hidden + 1) & (open <= all(0));
+    going &= ~(hit | close) & (hidden < MAX_HIDDEN_STEPS);
     last_open = open, last_code = code, h += step;
   }
   return choose(met < all(0), all(-1), 256.0f * met / (field->unit + met));

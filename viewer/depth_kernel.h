@@ -110,9 +110,10 @@ extern const depth_kernel depth_kernel_plain, depth_kernel_avx2;
 
 /* Thresholds, of all mixing by depth: see depth_mix.c. */
 enum {
-  EDGE_CODES = 12, /* heights further apart are of two things */
-  STEP_TEXELS = 2, /* that a ray is followed through a slice by, */
-  MAX_STEPS = 48,  /* so many times */
+  EDGE_CODES = 12,      /* heights further apart are of two things */
+  STEP_TEXELS = 2,      /* that a ray is followed through a slice by, */
+  MAX_STEPS = 48,       /* so many times, */
+  MAX_HIDDEN_STEPS = 2, /* so many of them one after the other behind what the slice sees */
   CURVED_STEPS = 6,
   /* Of Newton's steps to where a slice of a curved surface sees a point, the longest, in texels, */
   LONGEST_STEP = 24,
