@@ -837,6 +837,7 @@ static uint64_t seek(depth_field *field, depth_rays *rays, const depth_guess *gu
   look_around(field, rays, guess->texels, &b, s);
   for (int k = 0; k < 4; k++) {
     f8 code = follow_any(field, &b, &s[k]);
+    for (int l = 0; l < LANES; l++) rays->met[guess->texels[l]][k] = code[l];
     i8 none = code < all(0);
     code = larger(code, all(0));
     judge(field, &b, s, &code, &v[k]);
@@ -868,30 +869,34 @@ typedef struct {
   float moved; /* as in view */
 } fan;
 
+/* Where they lie in the cells of (S,T): the four around, the corners of sixteen, and the others. */
+static const int8_t fan_places[MOST_SIGHTS][2] = {
+    {0, 0},  {1, 0},  {0, 1},  {1, 1}, {-1, -1}, {2, -1}, {-1, 2}, {2, 2},
+    {0, -1}, {1, -1}, {-1, 0}, {2, 0}, {-1, 1},  {2, 1},  {0, 2},  {1, 2}};
+
 /* The slices within `reach` of the ray, the four around weighed as they are, those beyond by a tent
- * twice as wide. */
+ * twice as wide. One that exists stands in for those that do not, and counts for nothing. */
 static void open_fan(const depth_field *field, const depth_rays *rays, uint32_t texel, int reach,
                      fan *a) {
   const int s_count = (int)field->pages.s_count, t_count = (int)field->pages.t_count;
   const int i0 = rays->cell[texel] / (t_count + 1), j0 = rays->cell[texel] % (t_count + 1);
-  int32_t numbers[MOST_SIGHTS];
-  float weights[MOST_SIGHTS];
-  int count = 0;
-  for (int j = 1 - reach; j <= reach; j++)
-    for (int i = 1 - reach; i <= reach; i++) {
-      const bool around = i >= 0 && i <= 1 && j >= 0 && j <= 1;
-      const float wide = around ? 1 : 0.5f;
-      const int number = (i0 + i) * (t_count + 1) + j0 + j;
-      if (i0 + i < 0 || j0 + j < 0 || i0 + i >= s_count || j0 + j >= t_count ||
-          isnan(field->slopes[number][0]))
-        continue;
-      numbers[count] = number;
-      weights[count++] = fmaxf(1 - wide * fabsf((float)i - rays->f[texel]), 0) *
-                             fmaxf(1 - wide * fabsf((float)j - rays->g[texel]), 0) * wide +
-                         LEAST_WEIGHT;
-    }
+  const int count = reach == 1 ? 4 : MOST_SIGHTS;
+  int32_t numbers[MOST_SIGHTS], any = 0;
+  float weights[MOST_SIGHTS] = {0};
+  for (int l = 0; l < count; l++) {
+    const int i = i0 + fan_places[l][0], j = j0 + fan_places[l][1];
+    const float wide = l < 4 ? 1 : 0.5f;
+    numbers[l] = i * (t_count + 1) + j;
+    if (i < 0 || j < 0 || i >= s_count || j >= t_count || isnan(field->slopes[numbers[l]][0]))
+      continue;
+    any = numbers[l];
+    weights[l] = fmaxf(1 - wide * fabsf((float)fan_places[l][0] - rays->f[texel]), 0) *
+                     fmaxf(1 - wide * fabsf((float)fan_places[l][1] - rays->g[texel]), 0) * wide +
+                 LEAST_WEIGHT;
+  }
+  for (int l = 0; l < MOST_SIGHTS; l++)
+    if (weights[l] == 0) numbers[l] = any;
   a->group_count = (count + LANES - 1) / LANES;
-  for (int l = count; l < LANES * a->group_count; l++) numbers[l] = numbers[0], weights[l] = 0;
   a->b.x = all(rays->x + field->texel_u * (float)(texel % 8));
   a->b.y = all(rays->y + field->texel_v * (float)(texel / 8));
   a->b.qx = all(rays->qx[texel]), a->b.qy = all(rays->qy[texel]);
@@ -955,8 +960,14 @@ static bool seek_alone(depth_field *field, depth_rays *rays, uint32_t texel, int
   float heights[MOST_SIGHTS], codes[MOST_SIGHTS], scores[MOST_SIGHTS], best = -1, lowest = 256;
   int count = 0;
   open_fan(field, rays, texel, reach, &a);
-  for (int g = 0; g < a.group_count; g++)
-    store(heights + LANES * g, follow_any(field, &a.b, &a.s[g]));
+  if (reach == 1) {
+    store(heights, follow_any(field, &a.b, &a.s[0]));
+    memcpy(rays->met[texel], heights, sizeof rays->met[texel]);
+  } else {
+    store(heights, all(-1));
+    memcpy(heights, rays->met[texel], sizeof rays->met[texel]);
+    store(heights + LANES, follow_any(field, &a.b, &a.s[1]));
+  }
   for (int l = 0; l < LANES * a.group_count; l++) {
     bool known = heights[l] < 0;
     const float near = 0.3f * tolerance(all(heights[l]))[0];

@@ -35,6 +35,8 @@ typedef struct {
   float code[64];     /* of the height that was found, below 0 for none, as at first */
   float score[64];    /* of that height: weight of slices that agree on it, less of those that look
                          through it */
+  float met[64][4];   /* code at which the ray, where it was followed, and each of the four slices
+                         around met, below 0 for not */
   float rgba[64][4];  /* linear; A = 1 */
 } depth_rays;
 
@@ -90,7 +92,8 @@ typedef struct {
   /* As mix, without guesses: follows each slice along the rays. */
   uint64_t (*seek)(depth_field *field, depth_rays *rays, const depth_guess *guess);
   /* The same of one texel, which is to reach `wanted`, `reach` slices each way: 1 for the four
-   * around, 2 for sixteen. */
+   * around, 2 for sixteen, of which the four have been followed before and the corners are only
+   * asked. */
   bool (*seek_alone)(depth_field *field, depth_rays *rays, uint32_t texel, int reach, float wanted);
   /* With the sixteen slices around, at the height given, if that has the score. */
   bool (*mix_wide)(depth_field *field, depth_rays *rays, uint32_t texel, float code, float wanted);
