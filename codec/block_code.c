@@ -78,6 +78,31 @@ static uint16_t head_entry(const huffman_decoder *decoder, uint32_t window) {
   return bits <= FAST_DC_BITS ? (uint16_t)(bits | symbol << 8) : 0;
 }
 
+static uint32_t whole_head_entry(const block_tables *tables, uint32_t window) {
+  unsigned bits, symbol = huffman_read(&tables->decoders[CODE_WHOLE_HEAD], 1,
+                                       window << (16 - FAST_HEAD_BITS), &bits);
+  if (bits == 0 || bits > FAST_HEAD_BITS || symbol == 0) return 0;
+  uint32_t whole = tables->whole_heads[symbol];
+  unsigned taken = bits;
+  for (int channel = 0; channel < 3; channel++) taken += whole_head_size(whole, channel);
+  return taken | bits << 6 | whole << 10;
+}
+
+/* A head out of `bits` bits, with no DC level behind it; what it takes, 0 if it is not whole. */
+static unsigned bare_head_in_window(const block_tables *tables, uint32_t window, unsigned bits,
+                                    unsigned *head) {
+  uint32_t next = window << (16 - bits) & 0xffff;
+  unsigned taken = 0, more;
+  if (tables->has_whole_heads) {
+    unsigned symbol = huffman_read(&tables->decoders[CODE_WHOLE_HEAD], 1, next, &taken);
+    *head = whole_head_symbol(tables->whole_heads[symbol]);
+    if (taken == 0 || symbol) return taken <= bits ? taken : 0;
+    next = next << taken & 0xffff;
+  }
+  *head = huffman_read(&tables->decoders[CODE_HEAD], 1, next, &more);
+  return more && taken + more <= bits ? taken + more : 0;
+}
+
 static uint16_t pass_entry(const block_tables *tables, unsigned state, uint32_t window) {
   unsigned taken = 0;
   while (state != PASS_END && taken < PASS_BITS) {
@@ -97,11 +122,9 @@ static uint16_t pass_entry(const block_tables *tables, unsigned state, uint32_t 
 static uint8_t bare_heads_entry(const block_tables *tables, uint32_t window) {
   unsigned taken = 0, count = 0;
   while (taken < PASS_BITS) {
-    unsigned left = PASS_BITS - taken, bits;
-    uint32_t rest = window << (16 - left) & 0xffff;
-    unsigned symbol = huffman_read(&tables->decoders[CODE_HEAD], 1, rest, &bits);
-    unsigned how = symbol >> 3;
-    if (bits == 0 || bits > left || symbol & 7 || how == PREDICT_INTRA || how == PREDICT_SHIFT ||
+    unsigned left = PASS_BITS - taken, head;
+    unsigned bits = bare_head_in_window(tables, window, left, &head), how = head >> 3;
+    if (bits == 0 || head & 7 || how == PREDICT_INTRA || how == PREDICT_SHIFT ||
         how >= PREDICTOR_COUNT)
       break;
     taken += bits;
@@ -112,6 +135,10 @@ static uint8_t bare_heads_entry(const block_tables *tables, uint32_t window) {
 
 void block_tables_make(const block_codes *codes, block_tables *tables) {
   for (int i = 0; i < CODE_COUNT; i++) huffman_make_decoder(&codes->codes[i], &tables->decoders[i]);
+  tables->has_whole_heads = codes->codes[CODE_WHOLE_HEAD].symbol_count > 0;
+  memcpy(tables->whole_heads, codes->whole_heads, sizeof tables->whole_heads);
+  for (uint32_t w = 0; w < 1u << FAST_HEAD_BITS; w++)
+    tables->whole_head[w] = whole_head_entry(tables, w);
   for (uint32_t w = 0; w < 1u << FAST_DC_BITS; w++) {
     tables->head[w] = head_entry(&tables->decoders[CODE_HEAD], w);
     for (int i = 0; i < 4; i++) tables->dc[i][w] = dc_entry(&tables->decoders[CODE_DC + i], w);
@@ -130,4 +157,6 @@ void block_tables_make(const block_codes *codes, block_tables *tables) {
   const huffman_code *heads = &codes->codes[CODE_HEAD];
   for (int i = 0; i < heads->symbol_count; i++)
     if (heads->symbols[i] >> 3 == PREDICT_PREVIOUS) tables->may_lean = true;
+  for (int i = 1; i < codes->codes[CODE_WHOLE_HEAD].symbol_count; i++)
+    if (whole_head_symbol(codes->whole_heads[i]) >> 3 == PREDICT_PREVIOUS) tables->may_lean = true;
 }

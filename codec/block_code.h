@@ -10,6 +10,7 @@ enum {
   LEVELS_STRIDE = 80, /* a channel's 64 levels and room for what a damaged C-Block writes beyond */
   FAST_BITS = 10,
   FAST_DC_BITS = 9,
+  FAST_HEAD_BITS = 10,
   /* AC symbols are run << 4 | size as in JPEG, and with size 0: */
   SYMBOL_END = 0x00,    /* no level but 0 follows in the channel */
   SYMBOL_ESCAPE = 0x10, /* 6 bits of run, 16 bits of level */
@@ -35,7 +36,8 @@ enum {
   CODE_SHIFT,
   CODE_DC,     /* + 2 residual + chroma */
   CODE_AC = 6, /* + 4 residual + 2 chroma + later */
-  CODE_COUNT = 14
+  CODE_WHOLE_HEAD = 14,
+  CODE_COUNT = 15
 };
 
 static inline int dc_code(int residual, int chroma) {
@@ -45,8 +47,24 @@ static inline int ac_code(int residual, int chroma, int later) {
   return CODE_AC + 4 * residual + 2 * chroma + later;
 }
 
+/* A whole head: a head symbol and the sizes of the three DC levels, bits 0-5 and from bit 6 on four
+ * bits each. They go together, and those that are frequent have a code of their own, whose symbols
+ * number them from 1; symbol 0 says that head and sizes follow one by one. */
+enum { WHOLE_HEAD_BITS = 18, MAX_WHOLE_HEADS = 255, WHOLE_HEAD_NBYTES = 3 };
+
+static inline uint32_t whole_head(unsigned head, const unsigned sizes[3]) {
+  return head | sizes[0] << 6 | sizes[1] << 10 | sizes[2] << 14;
+}
+static inline unsigned whole_head_symbol(uint32_t whole) {
+  return whole & 63;
+}
+static inline unsigned whole_head_size(uint32_t whole, int channel) {
+  return whole >> (6 + 4 * channel) & 15;
+}
+
 typedef struct {
-  huffman_code codes[CODE_COUNT]; /* symbol_count 0: not used */
+  huffman_code codes[CODE_COUNT];            /* symbol_count 0: not used */
+  uint32_t whole_heads[MAX_WHOLE_HEADS + 1]; /* [0] unused */
 } block_codes;
 
 /* Blocks of coefficients are column-major here: 8 * horizontal + vertical frequency, which spares
@@ -123,10 +141,15 @@ typedef struct {
   uint32_t ac[8][1 << FAST_BITS];
   uint8_t dc[NO_DC + 1][1 << FAST_DC_BITS]; /* NO_DC: takes nothing, gives 0 */
   uint16_t head[1 << FAST_DC_BITS];         /* bits 0-7 bits taken, 0 if longer; 8-15 the symbol */
+  /* Bits 0-5 bits taken with the DC levels behind, 0 if this is not the place to look; 6-9 those of
+   * the code; 10-27 the whole head. */
+  uint32_t whole_head[1 << FAST_HEAD_BITS];
   uint16_t pass[PASS_STATES + 1][1 << PASS_BITS];
   /* Blocks that are a head and no more: bits 0-3 bits taken, 4-7 how many blocks. */
   uint8_t bare_heads[1 << PASS_BITS];
   bool may_lean; /* some block is predicted from the one before it */
+  bool has_whole_heads;
+  uint32_t whole_heads[MAX_WHOLE_HEADS + 1];
   huffman_decoder decoders[CODE_COUNT];
 } block_tables;
 
@@ -135,7 +158,8 @@ void block_tables_make(const block_codes *codes, block_tables *tables);
 /* What the C-Blocks of an entry add up to so far. */
 typedef struct {
   int16_t levels[3][LEVELS_STRIDE]; /* column-major, in the stream's levels */
-  unsigned ac_flags;                /* bit c: channel c may have an AC level */
+  unsigned ac_flags;                /* bit c: channel c may have an AC level, */
+  unsigned last_k[3];               /* none of them behind this place of the zigzag scan */
   int16_t intra_dc[3];
   predictor predictor; /* of the last block that was not PREVIOUS */
   int shift_u, shift_v;
@@ -144,6 +168,7 @@ typedef struct {
 
 static inline void entry_begin(entry_state *state, const int16_t dc_begin[3]) {
   state->ac_flags = 7;
+  for (int channel = 0; channel < 3; channel++) state->last_k[channel] = COEFFICIENTS - 1;
   for (int channel = 0; channel < 3; channel++) state->intra_dc[channel] = dc_begin[channel];
   state->predictor = PREDICT_INTRA;
   state->shift_u = state->shift_v = 0;

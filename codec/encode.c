@@ -40,6 +40,7 @@ typedef struct {
   float from_rgb[3][3];         /* [channel][R G B] */
   code_costs costs;             /* of the stream that is being coded */
   huffman_encoder encoders[CODE_COUNT];
+  uint8_t *whole_heads;          /* by whole head, its symbol, 0 where it has none */
   float *rgb;                    /* one slice */
   uint16_t *slices[QUAD_SLICES]; /* codes R G B of a unit's slices */
   /* The motion scheme: what the slice of an odd S decodes to, for t even and odd, by place. */
@@ -117,8 +118,9 @@ static void transform_block(const layer_encoder *e, const uint16_t *slice, uint6
 
 /* Symbols go to counts, or where counts is NULL out to bits. */
 typedef struct {
-  const huffman_encoder *encoders;
+  const layer_encoder *encoder;
   uint64_t (*counts)[256];
+  _Atomic uint32_t *head_counts; /* by whole head; beside counts */
   bit_string *bits;
 } symbol_sink;
 
@@ -126,7 +128,8 @@ static void put_symbol(const symbol_sink *sink, int code, unsigned symbol) {
   if (sink->counts)
     sink->counts[code][symbol]++;
   else
-    bits_put(sink->bits, sink->encoders[code].codes[symbol], sink->encoders[code].bits[symbol]);
+    bits_put(sink->bits, sink->encoder->encoders[code].codes[symbol],
+             sink->encoder->encoders[code].bits[symbol]);
 }
 
 static void put_magnitude(const symbol_sink *sink, int level, unsigned size) {
@@ -137,11 +140,11 @@ static void put_magnitude(const symbol_sink *sink, int level, unsigned size) {
 /* An AC level behind `run` zeros; what the codes lack escapes. Returns the code of what follows. */
 static int put_run_level(const symbol_sink *sink, int code, unsigned run, int level) {
   unsigned size = level_size(level), tail = (run & 15) << 4 | size;
-  const huffman_encoder *own = &sink->encoders[run < 16 ? code : code | 1];
-  bool coded =
-      sink->counts ||
-      (own->bits[tail] &&
-       (run < 16 || (sink->encoders[code].bits[SYMBOL_RUN_16] && own->bits[SYMBOL_RUN_16])));
+  const huffman_encoder *encoders = sink->encoder->encoders;
+  const huffman_encoder *own = &encoders[run < 16 ? code : code | 1];
+  bool coded = sink->counts ||
+               (own->bits[tail] &&
+                (run < 16 || (encoders[code].bits[SYMBOL_RUN_16] && own->bits[SYMBOL_RUN_16])));
   if (coded) {
     for (; run > 15; run -= 16, code |= 1) put_symbol(sink, code, SYMBOL_RUN_16);
     put_symbol(sink, code, tail);
@@ -171,22 +174,45 @@ typedef struct {
   float cost;
 } block_choice;
 
-static void put_block(const symbol_sink *sink, const block_choice *b, place_state *state) {
+static void put_shift(const symbol_sink *sink, const block_choice *b) {
+  if (b->predictor != PREDICT_SHIFT) return;
+  put_symbol(sink, CODE_SHIFT, (unsigned)(b->du + 16));
+  put_symbol(sink, CODE_SHIFT, (unsigned)(b->dv + 16));
+}
+
+/* Head, shifts and DC levels: as a whole if that has a code; counted both ways. */
+static void put_head(const symbol_sink *sink, const block_choice *b, const int dc[3]) {
   int residual = b->predictor != PREDICT_INTRA;
-  put_symbol(sink, CODE_HEAD, (unsigned)b->predictor << 3 | b->flags);
-  if (b->predictor == PREDICT_SHIFT) {
-    put_symbol(sink, CODE_SHIFT, (unsigned)(b->du + 16));
-    put_symbol(sink, CODE_SHIFT, (unsigned)(b->dv + 16));
+  unsigned head = (unsigned)b->predictor << 3 | b->flags, sizes[3];
+  for (int channel = 0; channel < 3; channel++) sizes[channel] = level_size(dc[channel]);
+  uint32_t whole = whole_head(head, sizes);
+  unsigned symbol = sink->counts ? 0 : sink->encoder->whole_heads[whole];
+  if (sink->counts)
+    atomic_fetch_add(&sink->head_counts[whole], 1);
+  else if (sink->encoder->encoders[CODE_WHOLE_HEAD].bits[0])
+    put_symbol(sink, CODE_WHOLE_HEAD, symbol);
+  if (symbol == 0) {
+    put_symbol(sink, CODE_HEAD, head);
+    put_shift(sink, b);
   }
   for (int channel = 0; channel < 3; channel++) {
-    const int16_t *levels = b->levels[channel];
-    bool coded = b->flags >> channel & 1;
-    if (residual && !coded) continue;
-    int dc = residual ? levels[0] : levels[0] - state->intra_dc[channel];
-    if (!residual) state->intra_dc[channel] = levels[0];
-    put_symbol(sink, dc_code(residual, channel > 0), level_size(dc));
-    put_magnitude(sink, dc, level_size(dc));
+    if (residual && !(b->flags >> channel & 1)) continue;
+    if (symbol == 0) put_symbol(sink, dc_code(residual, channel > 0), sizes[channel]);
+    put_magnitude(sink, dc[channel], sizes[channel]);
   }
+  if (symbol) put_shift(sink, b);
+}
+
+static void put_block(const symbol_sink *sink, const block_choice *b, place_state *state) {
+  int residual = b->predictor != PREDICT_INTRA, dc[3];
+  for (int channel = 0; channel < 3; channel++) {
+    int level = b->levels[channel][0];
+    dc[channel] = !residual                 ? level - state->intra_dc[channel]
+                  : b->flags >> channel & 1 ? level
+                                            : 0;
+    if (!residual) state->intra_dc[channel] = b->levels[channel][0];
+  }
+  put_head(sink, b, dc);
   for (int channel = 0; channel < 3; channel++) {
     const int16_t *levels = b->levels[channel];
     if (!(b->flags >> channel & 1)) continue;
@@ -210,6 +236,22 @@ typedef struct {
   uint64_t place;
   float step_scale; /* of this stream's level over the rest's */
 } block_site;
+
+/* Bits that a whole head takes beyond what it stands for, as choose_levels counted that. */
+static float whole_head_change(const layer_encoder *e, predictor how, unsigned flags,
+                               channel_choice choices[3][2], const int16_t intra_dc[3]) {
+  if (!e->encoders[CODE_WHOLE_HEAD].bits[0]) return 0;
+  unsigned sizes[3] = {0}, head = (unsigned)how << 3 | flags;
+  int residual = how != PREDICT_INTRA;
+  float parts = e->costs.head[head];
+  for (int c = 0; c < 3; c++) {
+    if (residual && !(flags >> c & 1)) continue;
+    sizes[c] = level_size(choices[c][flags >> c & 1].levels[0] - (residual ? 0 : intra_dc[c]));
+    parts += e->costs.dc[dc_code(residual, c > 0) - CODE_DC][sizes[c]] - (float)sizes[c];
+  }
+  unsigned symbol = e->whole_heads[whole_head(head, sizes)];
+  return (float)e->encoders[CODE_WHOLE_HEAD].bits[symbol] - (symbol ? parts : 0);
+}
 
 /* The best levels for what a prediction leaves (NULL: nothing predicted). */
 static void try_predictor(const block_site *site, predictor how, int du, int dv,
@@ -236,6 +278,7 @@ static void try_predictor(const block_site *site, predictor how, int du, int dv,
       possible = possible && (!(flags >> c & 1) || choice->coded);
       cost += choice->cost;
     }
+    if (possible) cost += lambda * whole_head_change(e, how, flags, choices, state->intra_dc);
     if (!possible || cost >= best->cost) continue;
     best->cost = cost;
     best->predictor = how;
@@ -641,6 +684,7 @@ typedef struct {
   sampled_place *places;
   uint64_t place_count;
   uint64_t (*counts)[CODE_COUNT][256]; /* of each task: sums do not depend on who did it */
+  _Atomic uint32_t *head_counts;       /* by whole head */
 } training;
 
 enum { PLACES_A_TASK = 64 };
@@ -649,7 +693,7 @@ static void count_places(void *context, uint64_t task) {
   training *tr = context;
   uint64_t end =
       (task + 1) * PLACES_A_TASK < tr->place_count ? (task + 1) * PLACES_A_TASK : tr->place_count;
-  symbol_sink counter = {tr->encoder->encoders, tr->counts[task], NULL};
+  symbol_sink counter = {tr->encoder, tr->counts[task], tr->head_counts, NULL};
   symbol_sink sinks[QUAD_SLICES] = {counter, counter, counter, counter};
   for (uint64_t i = task * PLACES_A_TASK; i < end; i++) {
     coefficients left[2] = {{{0}}};
@@ -694,9 +738,70 @@ static void build_codes(layer_encoder *e, stream_kind kind, uint64_t counts[CODE
   costs_from_codes(codes, &e->costs);
 }
 
+/* What head and sizes take one by one. */
+static unsigned head_part_bits(const layer_encoder *e, uint32_t whole) {
+  unsigned head = whole_head_symbol(whole), bits = e->encoders[CODE_HEAD].bits[head];
+  int residual = head >> 3 != PREDICT_INTRA;
+  for (int channel = 0; channel < 3; channel++)
+    if (!residual || (head >> channel & 1))
+      bits += e->encoders[dc_code(residual, channel > 0)].bits[whole_head_size(whole, channel)];
+  return bits;
+}
+
+static unsigned head_bits(const layer_encoder *e, uint32_t whole) {
+  unsigned symbol = e->whole_heads[whole];
+  return e->encoders[CODE_WHOLE_HEAD].bits[symbol] + (symbol ? 0 : head_part_bits(e, whole));
+}
+
+/* The most frequent whole heads, that the stream will have often enough to be worth stating. */
+static int find_whole_heads(const training *tr, double least, uint32_t found[MAX_WHOLE_HEADS]) {
+  int count = 0;
+  for (uint32_t whole = 0; whole < 1u << WHOLE_HEAD_BITS; whole++) {
+    uint32_t times = tr->head_counts[whole];
+    int at = count;
+    if (times == 0 || times < least) continue;
+    if (count < MAX_WHOLE_HEADS)
+      count++;
+    else if (times <= tr->head_counts[found[--at]])
+      continue;
+    for (; at > 0 && times > tr->head_counts[found[at - 1]]; at--) found[at] = found[at - 1];
+    found[at] = whole;
+  }
+  return count;
+}
+
+static void have_no_whole_heads(layer_encoder *e, stream_kind kind) {
+  memset(e->whole_heads, 0, 1u << WHOLE_HEAD_BITS);
+  e->layer.streams[kind].codes.codes[CODE_WHOLE_HEAD] = (huffman_code){0};
+  e->encoders[CODE_WHOLE_HEAD] = (huffman_encoder){0};
+}
+
+/* A code for whole heads, if it makes up for its size. Returns the bits that it saves in the
+ * sample, of whose blocks the stream has `times` as many. */
+static double build_whole_heads(layer_encoder *e, const training *tr, double times) {
+  enum { LEAST_COUNT = 32 }; /* of which each is to save one bit */
+  block_codes *codes = &e->layer.streams[tr->kind].codes;
+  uint64_t counts[256] = {1};
+  double saved = 0;
+  int count = find_whole_heads(tr, LEAST_COUNT / times, codes->whole_heads + 1);
+  memset(e->whole_heads, 0, 1u << WHOLE_HEAD_BITS);
+  for (int i = 1; i <= count; i++) e->whole_heads[codes->whole_heads[i]] = (uint8_t)i;
+  for (uint32_t whole = 0; whole < 1u << WHOLE_HEAD_BITS; whole++)
+    counts[e->whole_heads[whole]] += tr->head_counts[whole];
+  huffman_build(counts, &codes->codes[CODE_WHOLE_HEAD]);
+  huffman_make_encoder(&codes->codes[CODE_WHOLE_HEAD], &e->encoders[CODE_WHOLE_HEAD]);
+  for (uint32_t whole = 0; whole < 1u << WHOLE_HEAD_BITS; whole++)
+    if (tr->head_counts[whole])
+      saved += tr->head_counts[whole] * ((double)head_part_bits(e, whole) - head_bits(e, whole));
+  if (count && saved * times > 8.0 * (CODE_MAX_BITS + 1 + count * (1 + WHOLE_HEAD_NBYTES)))
+    return saved;
+  have_no_whole_heads(e, tr->kind);
+  return 0;
+}
+
 static void choose_run(layer_encoder *e, stream_kind kind, uint64_t counts[CODE_COUNT][256],
-                       uint64_t place_count) {
-  double bits = 0;
+                       double saved, uint64_t place_count) {
+  double bits = -saved;
   for (int code = 0; code < CODE_COUNT; code++)
     for (int s = 0; s < 256; s++) {
       unsigned magnitude = code >= CODE_DC ? s & 15u : 0;
@@ -725,22 +830,42 @@ static void choose_dc_begin(layer_encoder *e, const training *tr) {
   }
 }
 
+static uint64_t stream_block_count(const layer_state *layer, stream_kind kind) {
+  uint64_t units = layer->streams[kind].unit_count;
+  if (kind == STREAM_REST) {
+    units = layer->public.slice_count;
+    if (layer_has(layer, STREAM_KEYS)) units -= layer->streams[STREAM_KEYS].unit_count;
+  }
+  return units * layer_place_count(layer);
+}
+
 static slf_result train(layer_encoder *e, training *tr, slf_error *error) {
   uint64_t tasks = (tr->place_count + PLACES_A_TASK - 1) / PLACES_A_TASK;
   tr->counts = malloc(tasks * sizeof *tr->counts);
-  if (!tr->counts) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", e->name);
+  tr->head_counts = malloc(sizeof *tr->head_counts << WHOLE_HEAD_BITS);
+  if (!tr->counts || !tr->head_counts) {
+    free(tr->counts);
+    return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", e->name);
+  }
+  uint64_t block_count = 0, stream_count = stream_block_count(&e->layer, tr->kind);
+  for (uint64_t i = 0; i < tr->place_count; i++)
+    block_count += (uint64_t)tr->places[i].unit.slice_count;
   costs_guess(&e->costs);
+  have_no_whole_heads(e, tr->kind);
   choose_dc_begin(e, tr);
   for (int round = 0; round < TRAINING_ROUNDS; round++) {
     uint64_t sum[CODE_COUNT][256] = {{0}}, counted[CODE_COUNT][256];
     memset(tr->counts, 0, tasks * sizeof *tr->counts);
+    memset(tr->head_counts, 0, sizeof *tr->head_counts << WHOLE_HEAD_BITS);
     parallel_for(e->thread_count, tasks, count_places, tr);
     for (uint64_t i = 0; i < tasks; i++)
       for (int k = 0; k < CODE_COUNT * 256; k++) (&sum[0][0])[k] += (&tr->counts[i][0][0])[k];
     memcpy(counted, sum, sizeof counted);
     build_codes(e, tr->kind, sum);
-    choose_run(e, tr->kind, counted, tr->place_count);
+    double saved = build_whole_heads(e, tr, (double)stream_count / (double)block_count);
+    choose_run(e, tr->kind, counted, saved, tr->place_count);
   }
+  free(tr->head_counts);
   free(tr->counts);
   return SLF_OK;
 }
@@ -782,7 +907,7 @@ static void put_entries(void *context, uint64_t index) {
        group < (index + 1) * GROUPS_A_TASK && group < group_count; group++) {
     symbol_sink sinks[QUAD_SLICES];
     for (uint32_t part = 0; part < 1u << parts_log2; part++)
-      sinks[part] = (symbol_sink){e->encoders, NULL, &task->entries[(group << parts_log2) + part]};
+      sinks[part] = (symbol_sink){e, NULL, NULL, &task->entries[(group << parts_log2) + part]};
     place_state state = begin_entry(&e->layer.streams[task->kind]);
     for (uint64_t place = group * run; place < (group + 1) * run && place < places; place++) {
       coefficients blocks[QUAD_SLICES];
@@ -918,7 +1043,8 @@ static slf_result put_header(const layer_encoder *e, encoded_layer *encoded, slf
   const layer_state *layer = &e->layer;
   uint8_t *b = calloc(1, LAYER_FIXED_NBYTES + COLOURS_NBYTES +
                              STREAM_COUNT * (STREAM_HEADER_NBYTES + DC_BEGIN_NBYTES +
-                                             CODE_COUNT * HUFFMAN_MAX_NBYTES));
+                                             CODE_COUNT * HUFFMAN_MAX_NBYTES +
+                                             MAX_WHOLE_HEADS * WHOLE_HEAD_NBYTES));
   if (!b) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", e->name);
   const slf_layer *p = &layer->public;
   b[0] = (uint8_t)p->role;
@@ -953,6 +1079,11 @@ static slf_result put_header(const layer_encoder *e, encoded_layer *encoded, slf
     for (int i = 0; i < 3; i++, at += 2) put_u16(at, (uint16_t)stream->dc_begin[i]);
     for (int i = 0; i < CODE_COUNT; i++)
       if (used >> i & 1) at += huffman_put(&stream->codes.codes[i], at);
+    for (int i = 1; i < stream->codes.codes[CODE_WHOLE_HEAD].symbol_count;
+         i++, at += WHOLE_HEAD_NBYTES) {
+      put_u16(at, (uint16_t)stream->codes.whole_heads[i]);
+      at[2] = (uint8_t)(stream->codes.whole_heads[i] >> 16);
+    }
   }
   encoded->header = (encoded_chunk){e->scratch->nbytes, (uint64_t)(at - b)};
   scratch_write(e->scratch, encoded->header.offset, b, encoded->header.nbytes);
@@ -1027,6 +1158,7 @@ slf_result encode_layer(const slf_layer_options *options, const slf_source *sour
   layer_set_curve(&e->layer);
   size_t samples = 3 * (size_t)options->u_count * options->v_count;
   bool allocated = (e->rgb = malloc(samples * sizeof *e->rgb)) != NULL;
+  allocated = (e->whole_heads = calloc(1u << WHOLE_HEAD_BITS, 1)) && allocated;
   for (int i = 0; i < QUAD_SLICES; i++)
     allocated = (e->slices[i] = malloc(samples * sizeof *e->slices[i])) && allocated;
   uint64_t places = ((uint64_t)options->u_count + 7) / 8 * (((uint64_t)options->v_count + 7) / 8);
@@ -1040,6 +1172,7 @@ slf_result encode_layer(const slf_layer_options *options, const slf_source *sour
   for (int i = 0; i < QUAD_SLICES; i++) free(e->slices[i]);
   for (int i = 0; i < 2; i++) free(e->left[i]);
   free(e->rgb);
+  free(e->whole_heads);
   layer_free(&e->layer);
   for (int kind = 0; kind < STREAM_COUNT; kind++) scratch_unmap(&e->maps[kind]);
   free(e);

@@ -47,10 +47,16 @@ static inline uint32_t take(bit_reader *r, unsigned count) {
   return value;
 }
 
-/* JPEG's magnitude bits, `size` of them. No branch: which sign it is nobody foretells. */
+/* JPEG's magnitude bits, the top `size` ones. No branch: which sign it is nobody foretells. */
+static inline int32_t level_at_top(uint64_t bits, unsigned size) {
+  int32_t most = (int32_t)((1u << size) - 1), negative = (int32_t)((int64_t)~bits >> 63);
+  return (int32_t)top_bits(bits, size) - (negative & most);
+}
+
 static inline int32_t take_level(bit_reader *r, unsigned size) {
-  int32_t most = (int32_t)((1u << size) - 1), negative = (int32_t)((int64_t)~r->bits >> 63);
-  return (int32_t)take(r, size) - (negative & most);
+  int32_t level = level_at_top(r->bits, size);
+  consume(r, size);
+  return level;
 }
 
 /* At most 8 bytes of what was loaded are still to be read, and a pair has the directory and its
@@ -139,9 +145,9 @@ static __attribute__((noinline)) bool parse_long(const huffman_decoder *decoder,
   return true;
 }
 
-/* A channel's AC levels, added to what is there. */
-static inline __attribute__((always_inline)) bool parse_ac(const block_tables *tables, int code,
-                                                           bit_reader *r, int16_t *levels) {
+/* A channel's AC levels, added to what is there; *last_k grows to the last one's place. */
+static inline __attribute__((always_inline)) bool
+parse_ac(const block_tables *tables, int code, bit_reader *r, int16_t *levels, unsigned *last_k) {
   const uint32_t *table = tables->ac[code - CODE_AC], *later = tables->ac[(code | 1) - CODE_AC];
   unsigned k = 0;
   for (;; table = later) {
@@ -156,7 +162,10 @@ static inline __attribute__((always_inline)) bool parse_ac(const block_tables *t
       add_level(&levels[slf_zigzag[k]], fast_level(entry));
       k += fast_second_step(entry);
       add_level(&levels[slf_zigzag[k]], fast_second_level(entry));
-      if (entry & FAST_END) return true;
+      if (entry & FAST_END) {
+        *last_k = k > *last_k ? k : *last_k;
+        return true;
+      }
       if (__builtin_expect(k >= COEFFICIENTS, 0)) return false;
     }
     if (fast_taken(entry)) continue;
@@ -172,6 +181,7 @@ static inline __attribute__((always_inline)) bool parse_ac(const block_tables *t
       bool end, good = parse_long(&tables->decoders[long_code], &copy, &at, levels, &end);
       *r = copy;
       k = at;
+      if (end) *last_k = k > *last_k ? k : *last_k;
       if (!good || end) return good;
     }
     if (__builtin_expect(k >= COEFFICIENTS, 0)) return false;
@@ -191,8 +201,16 @@ static __attribute__((noinline)) bool pass_long(const block_tables *tables, unsi
   return bits != 0 && (size != 0 || symbol == SYMBOL_END || symbol == SYMBOL_RUN_16);
 }
 
-static inline __attribute__((always_inline)) bool parse_head(const block_tables *tables,
-                                                             bit_reader *r, unsigned *head) {
+/* ---- Heads --------------------------------------------------------------------------------- */
+
+/* What stands before a block's AC levels. */
+typedef struct {
+  unsigned symbol;
+  int shift_u, shift_v; /* of SHIFT */
+  int32_t dc[3];        /* as they are coded */
+} block_head;
+
+static bool parse_head_symbol(const block_tables *tables, bit_reader *r, unsigned *head) {
   refill(r);
   unsigned entry = tables->head[r->bits >> (64 - FAST_DC_BITS)], bits = entry & 255;
   *head = entry >> 8;
@@ -206,51 +224,100 @@ static inline __attribute__((always_inline)) bool parse_head(const block_tables 
 }
 
 /* Two shifts, coded as -16 .. 15, plus 16. */
-static __attribute__((noinline)) bool parse_long_shifts(const huffman_decoder *decoder,
-                                                        bit_reader *r, int *shift_u, int *shift_v) {
+static __attribute__((noinline)) bool parse_shifts(const block_tables *tables, bit_reader *r,
+                                                   block_head *head) {
+  const huffman_decoder *decoder = &tables->decoders[CODE_SHIFT];
+  refill(r);
   unsigned bits_u, bits_v;
   unsigned u = read_symbol(decoder, 1, r, &bits_u), v = read_symbol(decoder, 1, r, &bits_v);
   refill(r);
-  *shift_u = (int)u - 16;
-  *shift_v = (int)v - 16;
+  head->shift_u = (int)u - 16;
+  head->shift_v = (int)v - 16;
   return bits_u != 0 && bits_v != 0 && u < 32 && v < 32;
 }
 
-static inline __attribute__((always_inline)) bool
-parse_shifts(const block_tables *tables, bit_reader *r, int *shift_u, int *shift_v) {
-  bit_reader copy = *r;
-  bool good = parse_long_shifts(&tables->decoders[CODE_SHIFT], &copy, shift_u, shift_v);
-  *r = copy;
-  return good;
-}
-
-/* The DC levels; of INTRA blocks they go on from the last one's. */
-static inline __attribute__((always_inline)) bool parse_dcs(const block_tables *tables,
-                                                            int residual, unsigned head,
-                                                            bit_reader *r, int16_t intra_dc[3],
-                                                            int32_t dc[3]) {
-#pragma GCC unroll 3
+/* Head, shifts and DC levels one by one: of blocks whose whole head is rare, and of streams that
+ * have none. */
+static bool parse_parts_of_head(const block_tables *tables, bit_reader *r, block_head *head) {
+  if (!parse_head_symbol(tables, r, &head->symbol)) return false;
+  int residual = head->symbol >> 3 != PREDICT_INTRA;
+  if (head->symbol >> 3 == PREDICT_SHIFT && !parse_shifts(tables, r, head)) return false;
   for (int channel = 0; channel < 3; channel++) {
     if (channel > 1) refill(r);
-    bool present = !residual || (head >> channel & 1);
-    if (!parse_dc(tables, dc_code(residual, channel > 0), present, r, &dc[channel])) return false;
-    if (residual) continue;
-    add_level(&intra_dc[channel], dc[channel]);
-    dc[channel] = intra_dc[channel];
+    bool present = !residual || (head->symbol >> channel & 1);
+    if (!parse_dc(tables, dc_code(residual, channel > 0), present, r, &head->dc[channel]))
+      return false;
   }
   return true;
 }
 
-static inline __attribute__((always_inline)) bool parse_levels(const block_tables *tables,
-                                                               int residual, unsigned head,
-                                                               bit_reader *r, entry_state *state) {
-  int32_t dc[3];
-  if (!parse_dcs(tables, residual, head, r, state->intra_dc, dc)) return false;
+/* A head that the table does not hold. */
+static __attribute__((noinline)) bool parse_long_head(const block_tables *tables, bit_reader *r,
+                                                      block_head *head) {
+  unsigned bits, symbol = 0;
+  refill(r);
+  if (tables->has_whole_heads) {
+    symbol = read_symbol(&tables->decoders[CODE_WHOLE_HEAD], 1, r, &bits);
+    if (bits == 0) return false;
+  }
+  if (symbol == 0) return parse_parts_of_head(tables, r, head);
+  uint32_t whole = tables->whole_heads[symbol];
+  refill(r);
+  head->symbol = whole_head_symbol(whole);
+  for (int channel = 0; channel < 3; channel++)
+    head->dc[channel] = take_level(r, whole_head_size(whole, channel));
+  return head->symbol >> 3 != PREDICT_SHIFT || parse_shifts(tables, r, head);
+}
+
+/* One look, and all that stands before AC is known. */
+static inline __attribute__((always_inline)) bool parse_head(const block_tables *tables,
+                                                             bit_reader *r, block_head *head) {
+  refill(r);
+  uint32_t entry = tables->whole_head[r->bits >> (64 - FAST_HEAD_BITS)], whole = entry >> 10;
+  bool good = true;
+  if (__builtin_expect(entry != 0, 1)) {
+    uint64_t levels = r->bits << (entry >> 6 & 15);
+    consume(r, entry & 63);
+    head->symbol = whole_head_symbol(whole);
 #pragma GCC unroll 3
-  for (int channel = 0; channel < 3; channel++) add_level(&state->levels[channel][0], dc[channel]);
-  for (unsigned left = head & 7; left; left &= left - 1) {
+    for (int channel = 0; channel < 3; channel++) {
+      unsigned size = whole_head_size(whole, channel);
+      head->dc[channel] = level_at_top(levels, size);
+      levels <<= size;
+    }
+    if (__builtin_expect(head->symbol >> 3 != PREDICT_SHIFT, 1)) return true;
+  }
+  block_head found = *head;
+  bit_reader copy = *r;
+  good = entry != 0 ? parse_shifts(tables, &copy, &found) : parse_long_head(tables, &copy, &found);
+  *r = copy;
+  *head = found;
+  return good;
+}
+
+/* DC levels of INTRA blocks go on from the last one's. */
+static inline __attribute__((always_inline)) void add_intra_dc(int16_t intra_dc[3],
+                                                               block_head *head) {
+#pragma GCC unroll 3
+  for (int channel = 0; channel < 3; channel++) {
+    add_level(&intra_dc[channel], head->dc[channel]);
+    head->dc[channel] = intra_dc[channel];
+  }
+}
+
+static inline __attribute__((always_inline)) bool parse_levels(const block_tables *tables,
+                                                               int residual, block_head *head,
+                                                               bit_reader *r, entry_state *state) {
+  if (!residual) add_intra_dc(state->intra_dc, head);
+#pragma GCC unroll 3
+  for (int channel = 0; channel < 3; channel++)
+    add_level(&state->levels[channel][0], head->dc[channel]);
+  for (unsigned left = head->symbol & 7; left; left &= left - 1) {
     int channel = __builtin_ctz(left), code = ac_code(residual, channel > 0, 0);
-    if (!parse_ac(tables, code, r, state->levels[channel])) return false;
+    if (!parse_ac(tables, code, r, state->levels[channel], &state->last_k[channel])) {
+      state->last_k[channel] = COEFFICIENTS - 1;
+      return false;
+    }
   }
   return true;
 }
@@ -280,21 +347,23 @@ static inline __attribute__((always_inline)) bool parse_block(const block_tables
                                                               uint32_t number, bool first,
                                                               entry_state *state) {
   bit_reader r = reader_copy(reader, backwards);
-  unsigned head;
+  block_head head = {0};
   bool good = parse_head(tables, &r, &head);
-  if (good && head >> 3 != PREDICT_PREVIOUS) {
+  predictor how = head.symbol >> 3;
+  if (good && how != PREDICT_PREVIOUS) {
     clear_levels(state);
     state->ac_flags = 0;
-    state->predictor = head >> 3;
+    for (int channel = 0; channel < 3; channel++) state->last_k[channel] = 0;
+    state->predictor = how;
     state->anchor = number;
-    if (head >> 3 == PREDICT_SHIFT)
-      good = parse_shifts(tables, &r, &state->shift_u, &state->shift_v);
+    state->shift_u = head.shift_u;
+    state->shift_v = head.shift_v;
   } else if (first) {
     good = false;
     clear_levels(state);
   }
-  state->ac_flags |= head & 7;
-  good = good && parse_levels(tables, head >> 3 != PREDICT_INTRA, head, &r, state);
+  state->ac_flags |= head.symbol & 7;
+  good = good && parse_levels(tables, how != PREDICT_INTRA, &head, &r, state);
   reader_update(reader, &r);
   return good;
 }
@@ -311,9 +380,8 @@ bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t number
 static inline __attribute__((always_inline)) bool pass_head(const block_tables *tables,
                                                             bit_reader *r, int16_t intra_dc[3],
                                                             uint32_t *count, unsigned *state) {
-  unsigned bare = tables->bare_heads[r->bits >> (64 - PASS_BITS)], head;
-  int shift_u, shift_v;
-  int32_t dc[3];
+  unsigned bare = tables->bare_heads[r->bits >> (64 - PASS_BITS)];
+  block_head head = {0};
   if (bare && bare >> 4 <= *count && r->count >= PASS_BITS) {
     consume(r, bare & 15);
     *count -= bare >> 4;
@@ -322,11 +390,10 @@ static inline __attribute__((always_inline)) bool pass_head(const block_tables *
   }
   *count -= 1;
   if (!parse_head(tables, r, &head)) return false;
-  if (head >> 3 == PREDICT_SHIFT && !parse_shifts(tables, r, &shift_u, &shift_v)) return false;
-  bool residual = head >> 3 != PREDICT_INTRA;
-  *state = pass_state(residual, head & 7);
-  return residual ? parse_dcs(tables, 1, head, r, intra_dc, dc)
-                  : parse_dcs(tables, 0, head, r, intra_dc, dc);
+  bool residual = head.symbol >> 3 != PREDICT_INTRA;
+  *state = pass_state(residual, head.symbol & 7);
+  if (!residual) add_intra_dc(intra_dc, &head);
+  return true;
 }
 
 /* What PASS_BITS show, or one symbol. */
@@ -365,7 +432,7 @@ static inline __attribute__((always_inline)) bool pass_blocks(const block_tables
     good = pass_head(tables, &r, intra_dc, &count, &state);
     if (state == PASS_END) continue;
     /* Four at once: most blocks have no more, and how many nobody foretells. */
-    good = good && pass_step(tables, &state, &r) && pass_two_steps(tables, &state, &r);
+    good = good && pass_two_steps(tables, &state, &r) && pass_two_steps(tables, &state, &r);
     while (good && state != PASS_END) good = left-- && pass_two_steps(tables, &state, &r);
   }
   reader_update(reader, &r);
@@ -380,6 +447,6 @@ bool blocks_pass(const block_tables *tables, bit_reader *reader, int16_t intra_d
 
 bool block_leans_on_previous(const block_tables *tables, const bit_reader *reader) {
   bit_reader r = reader_copy(reader, reader->backwards);
-  unsigned head;
-  return parse_head(tables, &r, &head) && head >> 3 == PREDICT_PREVIOUS;
+  block_head head = {0};
+  return parse_head(tables, &r, &head) && head.symbol >> 3 == PREDICT_PREVIOUS;
 }

@@ -304,6 +304,29 @@ static slf_result read_fixed(layer_reader *r, slf_error *error) {
   return b[3] ? read_colours(r, error) : SLF_OK;
 }
 
+/* What the symbols of their code mean, from 1 on. */
+static slf_result read_whole_heads(layer_reader *r, block_codes *codes, slf_error *error) {
+  const huffman_code *code = &codes->codes[CODE_WHOLE_HEAD];
+  for (int i = 0; i < code->symbol_count; i++)
+    if (code->symbols[i] >= code->symbol_count)
+      return slf_fail(error, SLF_ERROR_FORMAT, "%s: whole head %u of %u", r->name, code->symbols[i],
+                      code->symbol_count);
+  for (int i = 1; i < code->symbol_count; i++, r->at += WHOLE_HEAD_NBYTES) {
+    if (r->end - r->at < WHOLE_HEAD_NBYTES)
+      return slf_fail(error, SLF_ERROR_FORMAT, "%s: whole head %d has %td bytes", r->name, i,
+                      r->end - r->at);
+    uint32_t whole = get_u16(r->at) | (uint32_t)r->at[2] << 16;
+    unsigned how = whole_head_symbol(whole) >> 3;
+    bool good = whole >> WHOLE_HEAD_BITS == 0 && how < PREDICTOR_COUNT;
+    for (int c = 0; c < 3; c++)
+      good = good && (how == PREDICT_INTRA || whole >> c & 1 || whole_head_size(whole, c) == 0);
+    if (!good)
+      return slf_fail(error, SLF_ERROR_FORMAT, "%s: whole head %d is %#x", r->name, i, whole);
+    codes->whole_heads[i] = whole;
+  }
+  return SLF_OK;
+}
+
 static slf_result read_codes(layer_reader *r, layer_stream *stream, unsigned used,
                              slf_error *error) {
   for (int i = 0; i < CODE_COUNT; i++) {
@@ -313,6 +336,9 @@ static slf_result read_codes(layer_reader *r, layer_stream *stream, unsigned use
       return slf_fail(error, SLF_ERROR_FORMAT, "%s: Huffman code %d is none", r->name, i);
     r->at += taken;
   }
+  slf_result result =
+      used >> CODE_WHOLE_HEAD & 1 ? read_whole_heads(r, &stream->codes, error) : SLF_OK;
+  if (result != SLF_OK) return result;
   stream->tables = malloc(sizeof *stream->tables);
   if (!stream->tables)
     return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory for tables", r->name);

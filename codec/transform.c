@@ -39,14 +39,15 @@ static inline __attribute__((always_inline)) lanes to_lanes(short_lanes x) {
 #endif
 }
 
-/* Arai, Agui and Nakajima's inverse along the index, in each lane. */
-static inline __attribute__((always_inline)) void inverse_pass(lanes b[8]) {
-  lanes even0 = b[0] + b[4], even1 = b[0] - b[4];
-  lanes even3 = b[2] + b[6];
-  lanes even2 = (b[2] - b[6]) * splat(1.414213562f) - even3;
+/* Arai, Agui and Nakajima's inverse along the index, in each lane. Where it is `low`, the upper
+ * four are zeros, and what adds them is left out. */
+static inline __attribute__((always_inline)) void inverse_pass(lanes b[8], bool low) {
+  lanes even0 = low ? b[0] : b[0] + b[4], even1 = low ? b[0] : b[0] - b[4];
+  lanes even3 = low ? b[2] : b[2] + b[6];
+  lanes even2 = (low ? b[2] : b[2] - b[6]) * splat(1.414213562f) - even3;
   lanes x0 = even0 + even3, x3 = even0 - even3, x1 = even1 + even2, x2 = even1 - even2;
-  lanes z13 = b[5] + b[3], z10 = b[5] - b[3];
-  lanes z11 = b[1] + b[7], z12 = b[1] - b[7];
+  lanes z13 = low ? b[3] : b[5] + b[3], z10 = low ? -b[3] : b[5] - b[3];
+  lanes z11 = low ? b[1] : b[1] + b[7], z12 = low ? b[1] : b[1] - b[7];
   lanes y7 = z11 + z13;
   lanes y11 = (z11 - z13) * splat(1.414213562f);
   lanes z5 = (z10 + z12) * splat(1.847759065f);
@@ -80,16 +81,34 @@ static inline __attribute__((always_inline)) void transpose(lanes b[8]) {
   }
 }
 
-static inline __attribute__((always_inline)) void inverse(lanes b[8]) {
-  inverse_pass(b);
-  transpose(b);
-  inverse_pass(b);
+/* Of lanes whose upper four are zeros; four come out, and the others would be zeros. */
+static inline __attribute__((always_inline)) void transpose_low(lanes b[8]) {
+  lanes p[4], q[4];
+  for (int i = 0; i < 4; i++)
+    p[i] = __builtin_shufflevector(b[i], b[i + 4], 0, 1, 2, 3, 8, 9, 10, 11);
+  for (int i = 0; i < 4; i += 2) {
+    q[i] = __builtin_shufflevector(p[i], p[i + 1], 0, 8, 1, 9, 4, 12, 5, 13);
+    q[i + 1] = __builtin_shufflevector(p[i], p[i + 1], 2, 10, 3, 11, 6, 14, 7, 15);
+  }
+  for (int k = 0; k < 2; k++) {
+    b[2 * k] = __builtin_shufflevector(q[k], q[k + 2], 0, 1, 8, 9, 4, 5, 12, 13);
+    b[2 * k + 1] = __builtin_shufflevector(q[k], q[k + 2], 2, 3, 10, 11, 6, 7, 14, 15);
+  }
+}
+
+static inline __attribute__((always_inline)) void inverse(lanes b[8], bool low) {
+  inverse_pass(b, low);
+  if (low)
+    transpose_low(b);
+  else
+    transpose(b);
+  inverse_pass(b, low);
 }
 
 void inverse_dct(float block[COEFFICIENTS]) {
   lanes b[8];
   load(block, b);
-  inverse(b);
+  inverse(b, false);
   store(b, block);
 }
 
@@ -140,15 +159,27 @@ typedef uint16_t word_lanes __attribute__((vector_size(16)));
 static inline __attribute__((always_inline)) void channel_texels(const int16_t *prediction,
                                                                  const int16_t *levels,
                                                                  uint16_t gain, const float *scales,
-                                                                 lanes b[8]) {
-  load(scales, b);
+                                                                 bool low, lanes b[8]) {
 #pragma GCC unroll 8
   for (int i = 0; i < 8; i++) {
+    if (low && i >= 4) break;
     word_lanes level = *(const words_at *)(levels + 8 * i) * gain;
     if (prediction) level += *(const words_at *)(prediction + 8 * i);
-    b[i] *= to_lanes((short_lanes)level);
+    b[i] = *(const lanes_at *)(scales + 8 * i) * to_lanes((short_lanes)level);
   }
-  inverse(b);
+  inverse(b, low);
+}
+
+/* Up to here the zigzag scan stays in the lowest 4x4 frequencies. */
+enum { LOW_LAST_K = 9 };
+
+static inline __attribute__((always_inline)) void own_texels(const entry_state *state, int c,
+                                                             uint16_t gain, const float *scales,
+                                                             lanes b[8]) {
+  if (state->last_k[c] <= LOW_LAST_K)
+    channel_texels(NULL, state->levels[c], gain, scales, true, b);
+  else
+    channel_texels(NULL, state->levels[c], gain, scales, false, b);
 }
 
 /* Without AC all texels are the DC: the transform adds zeros to it. */
@@ -164,9 +195,10 @@ make_texels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
 #pragma GCC unroll 3
   for (int c = 0; c < 3; c++) {
     if (prediction)
-      channel_texels(prediction[c], state->levels[c], (uint16_t)gain, layer->scales[c], b[c]);
+      channel_texels(prediction[c], state->levels[c], (uint16_t)gain, layer->scales[c], false,
+                     b[c]);
     else if (state->ac_flags >> c & 1)
-      channel_texels(NULL, state->levels[c], (uint16_t)gain, layer->scales[c], b[c]);
+      own_texels(state, c, (uint16_t)gain, layer->scales[c], b[c]);
     else
       flat_texels(state->levels[c][0], (uint16_t)gain, layer->scales[c], b[c]);
     if (!shifted) continue;
@@ -196,7 +228,7 @@ void levels_to_difference(const layer_state *layer, const int16_t fine[3][COEFFI
                           int16_t difference[3][COEFFICIENTS]) {
   for (int c = 0; c < 3; c++) {
     lanes b[8];
-    channel_texels(NULL, fine[c], 1, layer->scales[c], b);
+    channel_texels(NULL, fine[c], 1, layer->scales[c], false, b);
     for (int y = 0; y < 8; y++)
       put_difference(b[y] * splat(layer->difference_one), difference[c] + 8 * y);
   }
@@ -272,7 +304,7 @@ static inline __attribute__((always_inline)) void put_flat_chroma(const layer_st
                                                                   uint32_t gain, uint8_t *u_block) {
   const float(*m)[3] = layer->to_rgb;
   lanes b[8], cb[8], cr[8];
-  channel_texels(NULL, state->levels[0], (uint16_t)gain, layer->scales[0], b);
+  own_texels(state, 0, (uint16_t)gain, layer->scales[0], b);
   flat_texels(state->levels[1][0], (uint16_t)gain, layer->scales[1], cb);
   flat_texels(state->levels[2][0], (uint16_t)gain, layer->scales[2], cr);
   lanes red = splat(m[0][2]) * cr[0], blue = splat(m[2][1]) * cb[0];

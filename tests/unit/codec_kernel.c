@@ -156,6 +156,28 @@ static void kernels_transform_alike(void **state) {
   }
 }
 
+/* Where only the lowest 4x4 frequencies have levels, what the transform leaves out is zeros. */
+static void low_frequencies_make_the_same_codes(void **state) {
+  (void)state;
+  layer_state layer = {.level_shift = 128, .difference_one = DIFFERENCE_ONE};
+  layer_set_jfif_colours(&layer);
+  for (int n = 0; n < 2000; n++) {
+    entry_state s = {.ac_flags = random_u32() % 8};
+    uint8_t codes[2][SLF_BLOCK_NBYTES];
+    for (int c = 0; c < 3; c++) {
+      for (int i = 0; i < 64; i++) layer.scales[c][i] = 1 + (float)(random_u32() % 64) / 16;
+      for (unsigned k = 0; k <= 9; k++) /* the zigzag leaves the 4x4 at 10 */
+        if (k == 0 || (s.ac_flags >> c & 1 && random_u32() % 2))
+          s.levels[c][slf_zigzag[k]] = (int16_t)(random_u32() % 17) - 8;
+    }
+    for (int full = 0; full < 2; full++) {
+      for (int c = 0; c < 3; c++) s.last_k[c] = full ? 63 : 9;
+      levels_to_codes(&layer, NULL, &s, 1, NULL, codes[full]);
+    }
+    assert_memory_equal(codes[0], codes[1], SLF_BLOCK_NBYTES);
+  }
+}
+
 /* ---- Parsing ------------------------------------------------------------------------------- */
 
 /* Codes over symbols that a C-Block may have, with random weights. */
@@ -171,6 +193,14 @@ static void random_codes(block_codes *codes) {
     counts[0]++;
     huffman_build(counts, &codes->codes[code]);
   }
+  for (int i = 1; i <= MAX_WHOLE_HEADS; i++) {
+    unsigned head = random_u32() % (PREDICTOR_COUNT * 8), sizes[3];
+    for (int c = 0; c < 3; c++)
+      sizes[c] = head >> 3 == PREDICT_INTRA || (head >> c & 1) ? random_u32() % 16 : 0;
+    codes->whole_heads[i] = whole_head(head, sizes);
+  }
+  /* And streams that have none. */
+  if (random_u32() % 4 == 0) codes->codes[CODE_WHOLE_HEAD] = (huffman_code){0};
 }
 
 /* Random bits are read alike, to the last one, and never beyond the padding (under ASan: the block
@@ -306,6 +336,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(inverse_transform_conforms),
                                      cmocka_unit_test(forward_undoes_inverse),
                                      cmocka_unit_test(kernels_transform_alike),
+                                     cmocka_unit_test(low_frequencies_make_the_same_codes),
                                      cmocka_unit_test(kernels_parse_random_bits_alike),
                                      cmocka_unit_test(codes_come_back),
                                      cmocka_unit_test(impossible_codes_are_refused),
