@@ -58,8 +58,14 @@ bool flat_texel_scale(const slf_mesh *mesh, uint32_t u_count, uint32_t v_count, 
  * disagree forget every 16th frame, so that nothing wrong stays: those of a block at once, as
  * eight are followed at the cost of one. Those that the four slices around did not serve try their
  * neighbours' heights every second frame; those that no slice served follow the four along the ray
- * every 16th. Blocks take turns. */
-enum { FORGET = 16, FOLLOW = 16, TRY = 2, TURN = 13 /* odd: all turns occur */ };
+ * every 16th, and forget that every 64th. Blocks take turns. */
+enum {
+  FORGET = 16,
+  FORGET_UNSEEN = 64,
+  FOLLOW = 16,
+  TRY = 2,
+  TURN = 13 /* odd: all turns occur */
+};
 
 typedef struct {
   bool try, follow; /* this time */
@@ -69,7 +75,9 @@ static patience recall(const depth_mixer *m, size_t block, depth_memory *last) {
   const uint32_t turn = m->visits[block] + TURN * (uint32_t)block;
   *last = m->last[block];
   for (uint32_t k = 0; k < 64 && turn % FORGET == 0; k++)
-    if (last->score[k] < (int)(100 * ALL_AGREE)) last->kind[k] = SEEN_UNKNOWN;
+    if (last->score[k] < (int)(100 * ALL_AGREE) &&
+        (last->kind[k] != SEEN_NOT || turn % FORGET_UNSEEN == 0))
+      last->kind[k] = SEEN_UNKNOWN;
   return (patience){.try = turn % TRY == 0, .follow = turn % FOLLOW == 0};
 }
 
