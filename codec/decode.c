@@ -26,8 +26,7 @@ static inline void begin_at(entry_reader *r, const entry_site *site, uint64_t bi
 
 /* How many blocks of its entry stand before a block and before all that it may lean on. */
 static inline uint32_t blocks_before(const entry_site *site) {
-  return site->stream->tables->may_lean ? site->number - site->number % site->slice_count
-                                        : site->number;
+  return site->stream->tables->may_lean ? site->place_first : site->number;
 }
 
 /* Passes over blocks up to a block, or if that leans on them, back to the one it stands on. Where
@@ -75,8 +74,8 @@ static inline void read_up_to(entry_reader *r, const entry_site *site) {
   while (r->next <= site->number) {
     uint32_t number = r->next++;
     r->has_levels = true;
-    if (!block_parse(site->stream->tables, &r->reader, number, number % site->slice_count == 0,
-                     &r->state)) {
+    bool first = number == site->place_first;
+    if (!block_parse(site->stream->tables, &r->reader, number, first, &r->state)) {
       r->stream = NULL;
       return;
     }

@@ -776,10 +776,12 @@ static void have_no_whole_heads(layer_encoder *e, stream_kind kind) {
   e->encoders[CODE_WHOLE_HEAD] = (huffman_encoder){0};
 }
 
-/* A code for whole heads, if it makes up for its size. Returns the bits that it saves in the
+/* A code for whole heads, if it makes up for its size, and the blocks without one are few: they
+ * take a look more. Returns the bits that it saves in the
  * sample, of whose blocks the stream has `times` as many. */
-static double build_whole_heads(layer_encoder *e, const training *tr, double times) {
-  enum { LEAST_COUNT = 32 }; /* of which each is to save one bit */
+static double build_whole_heads(layer_encoder *e, const training *tr, uint64_t block_count,
+                                double times) {
+  enum { LEAST_COUNT = 32 /* of which each is to save one bit */, MOST_ALONE = 16 };
   block_codes *codes = &e->layer.streams[tr->kind].codes;
   uint64_t counts[256] = {1};
   double saved = 0;
@@ -793,8 +795,8 @@ static double build_whole_heads(layer_encoder *e, const training *tr, double tim
   for (uint32_t whole = 0; whole < 1u << WHOLE_HEAD_BITS; whole++)
     if (tr->head_counts[whole])
       saved += tr->head_counts[whole] * ((double)head_part_bits(e, whole) - head_bits(e, whole));
-  if (count && saved * times > 8.0 * (CODE_MAX_BITS + 1 + count * (1 + WHOLE_HEAD_NBYTES)))
-    return saved;
+  double nbytes = CODE_MAX_BITS + 1 + count * (1 + WHOLE_HEAD_NBYTES);
+  if (count && counts[0] * MOST_ALONE <= block_count && saved * times > 8 * nbytes) return saved;
   have_no_whole_heads(e, tr->kind);
   return 0;
 }
@@ -862,7 +864,8 @@ static slf_result train(layer_encoder *e, training *tr, slf_error *error) {
       for (int k = 0; k < CODE_COUNT * 256; k++) (&sum[0][0])[k] += (&tr->counts[i][0][0])[k];
     memcpy(counted, sum, sizeof counted);
     build_codes(e, tr->kind, sum);
-    double saved = build_whole_heads(e, tr, (double)stream_count / (double)block_count);
+    double saved =
+        build_whole_heads(e, tr, block_count, (double)stream_count / (double)block_count);
     choose_run(e, tr->kind, counted, saved, tr->place_count);
   }
   free(tr->head_counts);

@@ -17,7 +17,8 @@ enum {
   MAX_RUN_LOG2 = 6,
   MAX_PARTS_LOG2 = 2,
   GROUP_SIDE = 4, /* directions along a side of the group that shares a key */
-  QUAD_SLICES = 4,
+  QUAD_SLICES_LOG2 = 2,
+  QUAD_SLICES = 1 << QUAD_SLICES_LOG2,
   MOTION_CHAIN = 8, /* every eighth slice along S is a key of the motion scheme */
   MAX_SHIFT = 7,
   MAX_STORED_KEYS = 1 << 18 /* of a layer: twice 96 MiB, touched as they are asked for */
@@ -67,7 +68,8 @@ typedef struct {
 typedef struct {
   const layer_stream *stream;
   uint64_t entry;
-  uint32_t number;      /* of the block in its entry */
+  uint32_t number;      /* of the block in its entry, */
+  uint32_t place_first; /* and of its place's first */
   uint32_t slice_count; /* blocks a place in this entry, */
   uint32_t first_slice; /* the first of them in the unit */
 } entry_site;
@@ -169,13 +171,17 @@ static inline bool layer_is_key(const layer_state *layer, uint32_t s, uint32_t t
 /* The block of slice number `slice` of the slice_count that the unit has at each place. */
 static inline entry_site site_in_unit(const layer_stream *stream, uint32_t unit, uint64_t place,
                                       uint32_t slice_count, uint32_t slice) {
-  uint32_t width = QUAD_SLICES >> stream->parts_log2, part = slice / width;
-  uint32_t run = (uint32_t)place & (stream->run_places - 1), first = part * width;
+  uint32_t width_log2 = QUAD_SLICES_LOG2 - stream->parts_log2, width = 1u << width_log2;
+  uint32_t part = slice >> width_log2, first = part << width_log2;
+  uint32_t run = (uint32_t)place & (stream->run_places - 1);
   uint32_t left = slice_count - first, count = left < width ? left : width;
   uint64_t group = place >> stream->run_log2;
   return (entry_site){stream,
                       unit * stream->entries_per_unit + (group << stream->parts_log2) + part,
-                      run * count + slice - first, count, first};
+                      run * count + slice - first,
+                      run * count,
+                      count,
+                      first};
 }
 
 /* The block of a slice that exists. */

@@ -210,7 +210,8 @@ typedef struct {
   int32_t dc[3];        /* as they are coded */
 } block_head;
 
-static bool parse_head_symbol(const block_tables *tables, bit_reader *r, unsigned *head) {
+static inline __attribute__((always_inline)) bool parse_head_symbol(const block_tables *tables,
+                                                                    bit_reader *r, unsigned *head) {
   refill(r);
   unsigned entry = tables->head[r->bits >> (64 - FAST_DC_BITS)], bits = entry & 255;
   *head = entry >> 8;
@@ -224,24 +225,31 @@ static bool parse_head_symbol(const block_tables *tables, bit_reader *r, unsigne
 }
 
 /* Two shifts, coded as -16 .. 15, plus 16. */
-static __attribute__((noinline)) bool parse_shifts(const block_tables *tables, bit_reader *r,
-                                                   block_head *head) {
-  const huffman_decoder *decoder = &tables->decoders[CODE_SHIFT];
-  refill(r);
+static __attribute__((noinline)) bool parse_long_shifts(const huffman_decoder *decoder,
+                                                        bit_reader *r, int *shift_u, int *shift_v) {
   unsigned bits_u, bits_v;
+  refill(r);
   unsigned u = read_symbol(decoder, 1, r, &bits_u), v = read_symbol(decoder, 1, r, &bits_v);
   refill(r);
-  head->shift_u = (int)u - 16;
-  head->shift_v = (int)v - 16;
+  *shift_u = (int)u - 16;
+  *shift_v = (int)v - 16;
   return bits_u != 0 && bits_v != 0 && u < 32 && v < 32;
 }
 
-/* Head, shifts and DC levels one by one: of blocks whose whole head is rare, and of streams that
- * have none. */
-static bool parse_parts_of_head(const block_tables *tables, bit_reader *r, block_head *head) {
-  if (!parse_head_symbol(tables, r, &head->symbol)) return false;
-  int residual = head->symbol >> 3 != PREDICT_INTRA;
-  if (head->symbol >> 3 == PREDICT_SHIFT && !parse_shifts(tables, r, head)) return false;
+static inline __attribute__((always_inline)) bool parse_shifts(const block_tables *tables,
+                                                               bit_reader *r, block_head *head) {
+  bit_reader copy = *r;
+  int shift_u, shift_v;
+  bool good = parse_long_shifts(&tables->decoders[CODE_SHIFT], &copy, &shift_u, &shift_v);
+  *r = copy;
+  head->shift_u = shift_u;
+  head->shift_v = shift_v;
+  return good;
+}
+
+static inline __attribute__((always_inline)) bool
+parse_dcs(const block_tables *tables, int residual, bit_reader *r, block_head *head) {
+#pragma GCC unroll 3
   for (int channel = 0; channel < 3; channel++) {
     if (channel > 1) refill(r);
     bool present = !residual || (head->symbol >> channel & 1);
@@ -251,48 +259,53 @@ static bool parse_parts_of_head(const block_tables *tables, bit_reader *r, block
   return true;
 }
 
-/* A head that the table does not hold. */
+/* Head, shifts and DC levels one by one. */
+static inline __attribute__((always_inline)) bool
+parse_parts_of_head(const block_tables *tables, bit_reader *r, block_head *head) {
+  if (!parse_head_symbol(tables, r, &head->symbol)) return false;
+  if (head->symbol >> 3 == PREDICT_INTRA) return parse_dcs(tables, 0, r, head);
+  if (head->symbol >> 3 == PREDICT_SHIFT && !parse_shifts(tables, r, head)) return false;
+  return parse_dcs(tables, 1, r, head);
+}
+
+/* A head that the table of whole ones does not hold. */
 static __attribute__((noinline)) bool parse_long_head(const block_tables *tables, bit_reader *r,
                                                       block_head *head) {
-  unsigned bits, symbol = 0;
+  unsigned bits, symbol = read_symbol(&tables->decoders[CODE_WHOLE_HEAD], 1, r, &bits);
   refill(r);
-  if (tables->has_whole_heads) {
-    symbol = read_symbol(&tables->decoders[CODE_WHOLE_HEAD], 1, r, &bits);
-    if (bits == 0) return false;
-  }
+  if (bits == 0) return false;
   if (symbol == 0) return parse_parts_of_head(tables, r, head);
   uint32_t whole = tables->whole_heads[symbol];
-  refill(r);
   head->symbol = whole_head_symbol(whole);
   for (int channel = 0; channel < 3; channel++)
     head->dc[channel] = take_level(r, whole_head_size(whole, channel));
   return head->symbol >> 3 != PREDICT_SHIFT || parse_shifts(tables, r, head);
 }
 
-/* One look, and all that stands before AC is known. */
+/* Of a stream with whole heads one look, and all that stands before AC is known. */
 static inline __attribute__((always_inline)) bool parse_head(const block_tables *tables,
                                                              bit_reader *r, block_head *head) {
+  if (!tables->has_whole_heads) return parse_parts_of_head(tables, r, head);
   refill(r);
   uint32_t entry = tables->whole_head[r->bits >> (64 - FAST_HEAD_BITS)], whole = entry >> 10;
-  bool good = true;
-  if (__builtin_expect(entry != 0, 1)) {
-    uint64_t levels = r->bits << (entry >> 6 & 15);
-    consume(r, entry & 63);
-    head->symbol = whole_head_symbol(whole);
-#pragma GCC unroll 3
-    for (int channel = 0; channel < 3; channel++) {
-      unsigned size = whole_head_size(whole, channel);
-      head->dc[channel] = level_at_top(levels, size);
-      levels <<= size;
-    }
-    if (__builtin_expect(head->symbol >> 3 != PREDICT_SHIFT, 1)) return true;
+  if (__builtin_expect(entry == 0, 0)) {
+    block_head found = {0};
+    bit_reader copy = *r;
+    bool good = parse_long_head(tables, &copy, &found);
+    *r = copy;
+    *head = found;
+    return good;
   }
-  block_head found = *head;
-  bit_reader copy = *r;
-  good = entry != 0 ? parse_shifts(tables, &copy, &found) : parse_long_head(tables, &copy, &found);
-  *r = copy;
-  *head = found;
-  return good;
+  uint64_t levels = r->bits << (entry >> 6 & 15);
+  consume(r, entry & 63);
+  head->symbol = whole_head_symbol(whole);
+#pragma GCC unroll 3
+  for (int channel = 0; channel < 3; channel++) {
+    unsigned size = whole_head_size(whole, channel);
+    head->dc[channel] = level_at_top(levels, size);
+    levels <<= size;
+  }
+  return head->symbol >> 3 != PREDICT_SHIFT || parse_shifts(tables, r, head);
 }
 
 /* DC levels of INTRA blocks go on from the last one's. */
