@@ -279,7 +279,9 @@ void water_reset(water *w) {
 static void bend_block(void *context, uint32_t block_u, uint32_t block_v, block_directions *d) {
   water *w = context;
   const size_t first = (size_t)block_v * 8 * w->stride + (size_t)block_u * 8;
-  uint8_t below[64];
+  /* Numbers of one width in the loop: four go at once. */
+  float cosine[64];
+  int32_t below[64];
   for (size_t row = 0; row < 8; row++) {
     const float *restrict slope_u = w->slope_u + first + row * w->stride;
     const float *restrict slope_v = w->slope_v + first + row * w->stride;
@@ -292,7 +294,7 @@ static void bend_block(void *context, uint32_t block_u, uint32_t block_v, block_
       const float shrink = radius2 > 1 ? 1 / sqrtf(radius2) : 1;
       s *= shrink;
       t *= shrink;
-      const float n = sqrtf(fmaxf(0, 1 - s * s - t * t));
+      const float n2 = 1 - s * s - t * t, n = sqrtf(n2 > 0 ? n2 : 0);
       /* m = (-slope_u, -slope_v, 1) / length; r = 2 (m.d) m - d; d' = (-r_u, -r_v, |r_n|). */
       const float length2 = 1 + slope_u[i] * slope_u[i] + slope_v[i] * slope_v[i];
       const float along = n - slope_u[i] * s - slope_v[i] * t;
@@ -300,13 +302,16 @@ static void bend_block(void *context, uint32_t block_u, uint32_t block_v, block_
       S[i] = 0.5f * (s + twice * slope_u[i] + 1);
       T[i] = 0.5f * (t + twice * slope_v[i] + 1);
       below[8 * row + i] = twice < n;
-      const float cosine = fminf(fmaxf(along, 0) / sqrtf(length2), 1);
-      facing[i] = (uint16_t)(cosine * (WATER_FACINGS - 1) + 0.5f);
+      const float c = (along > 0 ? along : 0) / sqrtf(length2);
+      cosine[8 * row + i] = (c < 1 ? c : 1) * (WATER_FACINGS - 1) + 0.5f;
     }
+    for (size_t i = 0; i < 8; i++) facing[i] = (uint16_t)(int)cosine[8 * row + i];
   }
-  uint8_t below_count = 0, *counts = w->counts[block_v * (w->stride / 8) + block_u];
-  for (int k = 0; k < 64; k++) below_count += below[k] & (d->mask >> k & 1);
-  counts[0] = (uint8_t)__builtin_popcountll(d->mask), counts[1] = below_count;
+  uint64_t below_mask = 0;
+  for (int k = 0; k < 64; k++) below_mask |= (uint64_t)below[k] << k;
+  uint8_t *counts = w->counts[block_v * (w->stride / 8) + block_u];
+  counts[0] = (uint8_t)__builtin_popcountll(d->mask);
+  counts[1] = (uint8_t)__builtin_popcountll(d->mask & below_mask);
 }
 
 direction_bend water_begin_frame(water *w) {
