@@ -155,20 +155,28 @@ typedef struct {
 
 void block_tables_make(const block_codes *codes, block_tables *tables);
 
-/* What the C-Blocks of an entry add up to so far. */
+/* A block's levels. */
 typedef struct {
   int16_t levels[3][LEVELS_STRIDE]; /* column-major, in the stream's levels */
   unsigned ac_flags;                /* bit c: channel c may have an AC level, */
   unsigned last_k[3];               /* none of them behind this place of the zigzag scan */
+} block_levels;
+
+/* What the C-Blocks of an entry add up to so far. */
+typedef struct {
+  block_levels blocks[2]; /* by turns, so that the one before can wait for its transform */
+  unsigned current;       /* the one of the block read last */
   int16_t intra_dc[3];
   predictor predictor; /* of the last block that was not PREVIOUS */
   int shift_u, shift_v;
   uint32_t anchor; /* that block's number in the entry */
 } entry_state;
 
+static inline const block_levels *entry_levels(const entry_state *state) {
+  return &state->blocks[state->current];
+}
+
 static inline void entry_begin(entry_state *state, const int16_t dc_begin[3]) {
-  state->ac_flags = 7;
-  for (int channel = 0; channel < 3; channel++) state->last_k[channel] = COEFFICIENTS - 1;
   for (int channel = 0; channel < 3; channel++) state->intra_dc[channel] = dc_begin[channel];
   state->predictor = PREDICT_INTRA;
   state->shift_u = state->shift_v = 0;

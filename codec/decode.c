@@ -10,10 +10,15 @@ typedef struct {
   const layer_stream *stream; /* NULL: none */
   uint64_t entry;
   uint32_t next;   /* number of the block at the reader */
-  bool has_levels; /* state.levels are those of block next - 1, which was not passed over */
+  bool has_levels; /* the state's levels are those of block next - 1, which was not passed over */
   bit_reader reader;
   entry_state state;
 } entry_reader;
+
+static inline void reader_is_nowhere(entry_reader *r) {
+  r->stream = NULL;
+  r->state.current = 0;
+}
 
 static inline void begin_at(entry_reader *r, const entry_site *site, uint64_t bit) {
   r->stream = site->stream;
@@ -61,7 +66,8 @@ static bool skip_to(entry_reader *r, const entry_site *site) {
 
 static void give_up(entry_reader *r) {
   r->stream = NULL;
-  memset(r->state.levels, 0, sizeof r->state.levels);
+  r->state.current ^= 1;
+  r->state.blocks[r->state.current] = (block_levels){0};
 }
 
 /* Reads up to a block; a damaged entry ends early, with what was read. */
@@ -95,12 +101,12 @@ static inline int16_t wrap(uint32_t value) {
 }
 
 /* fine = prediction (or nothing) + gain * levels. */
-static void add_levels(const int16_t prediction[3][COEFFICIENTS], const entry_state *state,
+static void add_levels(const int16_t prediction[3][COEFFICIENTS], const block_levels *block,
                        uint32_t gain, fine_block fine) {
   for (int c = 0; c < 3; c++)
     for (int i = 0; i < COEFFICIENTS; i++)
       fine[c][i] = wrap((prediction ? (uint32_t)prediction[c][i] : 0) +
-                        gain * (uint32_t)state->levels[c][i]);
+                        gain * (uint32_t)block->levels[c][i]);
 }
 
 static const fine_block *stored_block(const block_store *store, uint64_t i) {
@@ -123,7 +129,7 @@ static const fine_block *get_base(const layer_state *layer, uint64_t place, fine
   entry_reader reader = {0};
   entry_site site = site_in_unit(&layer->streams[STREAM_BASE], 0, place, 1, 0);
   read_block(&reader, &site);
-  add_levels(NULL, &reader.state, layer->gains[STREAM_BASE], *scratch);
+  add_levels(NULL, entry_levels(&reader.state), layer->gains[STREAM_BASE], *scratch);
   store_block(&layer->base, place, (const fine_block *)scratch);
   return scratch;
 }
@@ -141,12 +147,12 @@ static void read_key(const layer_state *layer, uint32_t group, uint64_t place, e
   const fine_block *base = NULL;
   read_block(reader, &site);
   if (reader->state.predictor == PREDICT_BASE) base = get_base(layer, place, &scratch);
-  add_levels(base ? *base : NULL, &reader->state, layer->gains[STREAM_KEYS], fine);
+  add_levels(base ? *base : NULL, entry_levels(&reader->state), layer->gains[STREAM_KEYS], fine);
 }
 
 static void decode_key(const layer_state *layer, uint32_t group, uint64_t place, fine_block fine) {
   entry_reader reader;
-  reader.stream = NULL;
+  reader_is_nowhere(&reader);
   read_key(layer, group, place, &reader, fine);
 }
 
@@ -164,7 +170,7 @@ typedef struct {
 static void memo_begin(key_memo *memo) {
   memset(memo->tags, 0, sizeof memo->tags);
   memset(memo->difference_tags, 0, sizeof memo->difference_tags);
-  for (int i = 0; i < KEY_MEMO; i++) memo->readers[i].stream = NULL;
+  for (int i = 0; i < KEY_MEMO; i++) reader_is_nowhere(&memo->readers[i]);
 }
 
 static uint64_t key_number(const layer_state *layer, uint32_t group, uint64_t place) {
@@ -309,11 +315,17 @@ typedef struct {
   const layer_state *layer;
   entry_reader rest;
   key_memo memo;
+  /* A block that was read and is transformed when the next one is, too: its last levels are then
+   * where the transform's wide loads find them, and the next one's look-ups do not stand behind it.
+   */
+  const block_levels *waiting; /* NULL: none */
+  uint8_t *waiting_u_block;
 } decoder;
 
 static void decoder_begin(decoder *d, const layer_state *layer) {
   d->layer = layer;
-  d->rest.stream = NULL;
+  reader_is_nowhere(&d->rest);
+  d->waiting = NULL;
   memo_begin(&d->memo);
 }
 
@@ -365,7 +377,8 @@ static void decode_chain(const layer_state *layer, uint32_t s, uint32_t t, uint6
     read_block(&reader, &site);
     bool moves = reader.state.predictor == PREDICT_SHIFT;
     if (moves) shift_channels(channels, reader.state.shift_u, reader.state.shift_v, shifted);
-    levels_to_channels(layer, NULL, &reader.state, layer->gains[STREAM_REST], NULL, channels);
+    levels_to_channels(layer, NULL, entry_levels(&reader.state), layer->gains[STREAM_REST], NULL,
+                       channels);
     if (moves) add_channels(channels, shifted);
   }
 }
@@ -386,15 +399,15 @@ static void finish_block(decoder *d, const entry_site *site, uint32_t s, uint32_
                 shifted);
   }
   if (u_block)
-    levels_to_codes(layer, prediction, &d->rest.state, gain, shifted, u_block);
+    levels_to_codes(layer, prediction, entry_levels(&d->rest.state), gain, shifted, u_block);
   else
-    levels_to_channels(layer, prediction, &d->rest.state, gain, shifted, channels);
+    levels_to_channels(layer, prediction, entry_levels(&d->rest.state), gain, shifted, channels);
 }
 
 /* A block of the keys. */
 static void decode_key_slice(decoder *d, uint32_t s, uint32_t t, uint64_t place, uint8_t *u_block,
                              float channels[3][COEFFICIENTS]) {
-  static const entry_state nothing = {.ac_flags = 7};
+  static const block_levels nothing = {.ac_flags = 7};
   const layer_state *layer = d->layer;
   const fine_block *key = get_key(layer, layer_group(layer, s, t), place, &d->memo);
   const int16_t(*fine)[COEFFICIENTS] = (const int16_t(*)[COEFFICIENTS]) * key;
@@ -484,6 +497,17 @@ static void look_ahead(const layer_state *layer, const slf_block_address *addres
     if (ring[i % RING].exists) find_pending(&ring[(i - 1) % RING], &ring[i % RING]);
 }
 
+static void finish_waiting(decoder *d) {
+  if (d->waiting)
+    levels_to_codes(d->layer, NULL, d->waiting, d->layer->gains[STREAM_REST], NULL,
+                    d->waiting_u_block);
+}
+
+/* Levels wait where no prediction must wait with them, and no later block is added to them. */
+static inline bool levels_wait(const decoder *d, const entry_site *site) {
+  return d->layer->public.angular == SLF_ANGULAR_NONE && !site->stream->tables->may_lean;
+}
+
 static void decode_pending(decoder *d, const pending_block *p, uint32_t s, uint32_t t,
                            uint8_t *u_block) {
   entry_reader *r = &d->rest;
@@ -494,7 +518,13 @@ static void decode_pending(decoder *d, const pending_block *p, uint32_t s, uint3
   if (r->stream == NULL || r->entry != p->site.entry || r->next > p->site.number)
     begin_at(r, &p->site, p->bit);
   read_up_to(r, &p->site);
-  finish_block(d, &p->site, s, t, p->place, u_block, NULL);
+  if (!levels_wait(d, &p->site)) {
+    finish_block(d, &p->site, s, t, p->place, u_block, NULL);
+    return;
+  }
+  finish_waiting(d);
+  d->waiting = entry_levels(&r->state);
+  d->waiting_u_block = u_block;
 }
 
 static void decode_chained(const layer_state *layer, slf_block_address a, uint8_t *u_block) {
@@ -530,6 +560,7 @@ static void decode_batch(const layer_state *layer, const slf_block_address *addr
       else
         memset(u_blocks[first + i], 0, SLF_BLOCK_NBYTES);
   }
+  finish_waiting(&d);
 }
 
 const kernel KERNEL(kernel) = {.name = SLF_KERNEL_NAME,

@@ -25,13 +25,14 @@ static void read_levels(const layer_state *layer, uint32_t s, uint32_t t, uint64
   entry_site site = site_of_slice(layer, s, t, place);
   const block_stream *blocks = &site.stream->blocks;
   bit_reader reader;
-  entry_state state;
+  entry_state state = {0};
   entry_begin(&state, site.stream->dc_begin);
   layer->kernel->begin(&reader, blocks, site.entry, layer->kernel->find(blocks, site.entry));
   for (unsigned i = 0; i <= site.number; i++)
     layer->kernel->parse(site.stream->tables, &reader, i, i % site.slice_count == 0, &state);
   for (int c = 0; c < 3; c++)
-    for (int i = 0; i < COEFFICIENTS; i++) levels[c][i] = state.levels[c][8 * (i % 8) + i / 8];
+    for (int i = 0; i < COEFFICIENTS; i++)
+      levels[c][i] = entry_levels(&state)->levels[c][8 * (i % 8) + i / 8];
 }
 
 static void set_tables(struct jpeg_compress_struct *c, const layer_state *layer) {

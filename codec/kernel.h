@@ -54,7 +54,8 @@ typedef struct {
 void reader_begin(bit_reader *reader, const block_stream *blocks, uint64_t entry, uint64_t bit);
 
 /* Reads the entry's next C-Block, its `number`-th from 0; `first` if it is its place's first, which
- * nothing precedes. False if its bits are no C-Block. */
+ * nothing precedes. False if its bits are no C-Block. Its levels are the state's current ones;
+ * those of the block read before stay, unless this one is predicted from it. */
 #define block_parse KERNEL(block_parse)
 bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t number, bool first,
                  entry_state *state);
@@ -91,11 +92,11 @@ typedef struct {
   uint32_t begin;
 } shift_window;
 
-/* prediction (NULL: nothing; fine levels) + gain * the entry's levels, to channels, without the
+/* prediction (NULL: nothing; fine levels) + gain * a block's levels, to channels, without the
  * level shift, row-major; and on top what `shifted` shows, if it is not NULL. */
 #define levels_to_channels KERNEL(levels_to_channels)
 void levels_to_channels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
-                        const entry_state *state, uint32_t gain, const shift_window *shifted,
+                        const block_levels *block, uint32_t gain, const shift_window *shifted,
                         float channels[3][COEFFICIENTS]);
 
 /* Fine levels to channels in fixed point, a difference. */
@@ -110,7 +111,7 @@ void channels_to_codes(const layer_state *layer, float channels[3][COEFFICIENTS]
 /* Both, without a stop between. */
 #define levels_to_codes KERNEL(levels_to_codes)
 void levels_to_codes(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
-                     const entry_state *state, uint32_t gain, const shift_window *shifted,
+                     const block_levels *block, uint32_t gain, const shift_window *shifted,
                      uint8_t *u_block);
 
 /* ---- The table ----------------------------------------------------------------------------- */

@@ -321,26 +321,33 @@ static inline __attribute__((always_inline)) void add_intra_dc(int16_t intra_dc[
 static inline __attribute__((always_inline)) bool parse_levels(const block_tables *tables,
                                                                int residual, block_head *head,
                                                                bit_reader *r, entry_state *state) {
+  block_levels *block = &state->blocks[state->current];
+  block->ac_flags |= head->symbol & 7;
   if (!residual) add_intra_dc(state->intra_dc, head);
 #pragma GCC unroll 3
   for (int channel = 0; channel < 3; channel++)
-    add_level(&state->levels[channel][0], head->dc[channel]);
+    add_level(&block->levels[channel][0], head->dc[channel]);
   for (unsigned left = head->symbol & 7; left; left &= left - 1) {
     int channel = __builtin_ctz(left), code = ac_code(residual, channel > 0, 0);
-    if (!parse_ac(tables, code, r, state->levels[channel], &state->last_k[channel])) {
-      state->last_k[channel] = COEFFICIENTS - 1;
+    if (!parse_ac(tables, code, r, block->levels[channel], &block->last_k[channel])) {
+      block->last_k[channel] = COEFFICIENTS - 1;
       return false;
     }
   }
   return true;
 }
 
-/* In wide stores: what a compiler makes of memset for so few bytes takes longer to begin. */
-static inline void clear_levels(entry_state *state) {
+/* A new block's levels, of zeros. In wide stores: what a compiler makes of memset for so few bytes
+ * takes longer to begin. */
+static inline void begin_levels(entry_state *state) {
   typedef uint64_t wide __attribute__((vector_size(32), aligned(2), may_alias));
-  wide *to = (wide *)(void *)state->levels;
+  state->current ^= 1;
+  block_levels *block = &state->blocks[state->current];
+  wide *to = (wide *)(void *)block->levels;
 #pragma GCC unroll 15
-  for (size_t i = 0; i < sizeof state->levels / sizeof *to; i++) to[i] = (wide){0};
+  for (size_t i = 0; i < sizeof block->levels / sizeof *to; i++) to[i] = (wide){0};
+  block->ac_flags = 0;
+  for (int channel = 0; channel < 3; channel++) block->last_k[channel] = 0;
 }
 
 /* Field by field, so that they stay in registers. */
@@ -364,18 +371,15 @@ static inline __attribute__((always_inline)) bool parse_block(const block_tables
   bool good = parse_head(tables, &r, &head);
   predictor how = head.symbol >> 3;
   if (good && how != PREDICT_PREVIOUS) {
-    clear_levels(state);
-    state->ac_flags = 0;
-    for (int channel = 0; channel < 3; channel++) state->last_k[channel] = 0;
+    begin_levels(state);
     state->predictor = how;
     state->anchor = number;
     state->shift_u = head.shift_u;
     state->shift_v = head.shift_v;
-  } else if (first) {
+  } else if (first || !good) {
     good = false;
-    clear_levels(state);
+    begin_levels(state);
   }
-  state->ac_flags |= head.symbol & 7;
   good = good && parse_levels(tables, how != PREDICT_INTRA, &head, &r, state);
   reader_update(reader, &r);
   return good;

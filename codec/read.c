@@ -589,7 +589,7 @@ static slf_result verify_unit(const layer_state *layer, stream_kind kind, uint32
                               uint32_t slice_count, const char *name, slf_error *error) {
   const layer_stream *stream = &layer->streams[kind];
   bit_reader reader;
-  entry_state state;
+  entry_state state = {0};
   uint64_t entry = UINT64_MAX;
   uint32_t width = QUAD_SLICES >> stream->parts_log2;
   for (uint64_t place = 0; place < layer_place_count(layer); place++)

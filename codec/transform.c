@@ -173,13 +173,12 @@ static inline __attribute__((always_inline)) void channel_texels(const int16_t *
 /* Up to here the zigzag scan stays in the lowest 4x4 frequencies. */
 enum { LOW_LAST_K = 9 };
 
-static inline __attribute__((always_inline)) void own_texels(const entry_state *state, int c,
-                                                             uint16_t gain, const float *scales,
-                                                             lanes b[8]) {
-  if (state->last_k[c] <= LOW_LAST_K)
-    channel_texels(NULL, state->levels[c], gain, scales, true, b);
+static inline __attribute__((always_inline)) void
+own_texels(const block_levels *block, int c, uint16_t gain, const float *scales, lanes b[8]) {
+  if (block->last_k[c] <= LOW_LAST_K)
+    channel_texels(NULL, block->levels[c], gain, scales, true, b);
   else
-    channel_texels(NULL, state->levels[c], gain, scales, false, b);
+    channel_texels(NULL, block->levels[c], gain, scales, false, b);
 }
 
 /* Without AC all texels are the DC: the transform adds zeros to it. */
@@ -191,16 +190,16 @@ static inline __attribute__((always_inline)) void flat_texels(int16_t level, uin
 
 static inline __attribute__((always_inline)) void
 make_texels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
-            const entry_state *state, uint32_t gain, const shift_window *shifted, lanes b[3][8]) {
+            const block_levels *block, uint32_t gain, const shift_window *shifted, lanes b[3][8]) {
 #pragma GCC unroll 3
   for (int c = 0; c < 3; c++) {
     if (prediction)
-      channel_texels(prediction[c], state->levels[c], (uint16_t)gain, layer->scales[c], false,
+      channel_texels(prediction[c], block->levels[c], (uint16_t)gain, layer->scales[c], false,
                      b[c]);
-    else if (state->ac_flags >> c & 1)
-      own_texels(state, c, (uint16_t)gain, layer->scales[c], b[c]);
+    else if (block->ac_flags >> c & 1)
+      own_texels(block, c, (uint16_t)gain, layer->scales[c], b[c]);
     else
-      flat_texels(state->levels[c][0], (uint16_t)gain, layer->scales[c], b[c]);
+      flat_texels(block->levels[c][0], (uint16_t)gain, layer->scales[c], b[c]);
     if (!shifted) continue;
     const int16_t *more = shifted->channels + c * WINDOW_CHANNEL + shifted->begin;
 #pragma GCC unroll 8
@@ -284,10 +283,10 @@ static inline __attribute__((always_inline)) void put_codes(const layer_state *l
 }
 
 void levels_to_channels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
-                        const entry_state *state, uint32_t gain, const shift_window *shifted,
+                        const block_levels *block, uint32_t gain, const shift_window *shifted,
                         float channels[3][COEFFICIENTS]) {
   lanes b[3][8];
-  make_texels(layer, prediction, state, gain, shifted, b);
+  make_texels(layer, prediction, block, gain, shifted, b);
   for (int c = 0; c < 3; c++) store(b[c], channels[c]);
 }
 
@@ -300,13 +299,13 @@ void channels_to_codes(const layer_state *layer, float channels[3][COEFFICIENTS]
 
 /* Most blocks of low rate: chroma without AC, of JFIF's colours. The sums are put_codes'. */
 static inline __attribute__((always_inline)) void put_flat_chroma(const layer_state *layer,
-                                                                  const entry_state *state,
+                                                                  const block_levels *block,
                                                                   uint32_t gain, uint8_t *u_block) {
   const float(*m)[3] = layer->to_rgb;
   lanes b[8], cb[8], cr[8];
-  own_texels(state, 0, (uint16_t)gain, layer->scales[0], b);
-  flat_texels(state->levels[1][0], (uint16_t)gain, layer->scales[1], cb);
-  flat_texels(state->levels[2][0], (uint16_t)gain, layer->scales[2], cr);
+  own_texels(block, 0, (uint16_t)gain, layer->scales[0], b);
+  flat_texels(block->levels[1][0], (uint16_t)gain, layer->scales[1], cb);
+  flat_texels(block->levels[2][0], (uint16_t)gain, layer->scales[2], cr);
   lanes red = splat(m[0][2]) * cr[0], blue = splat(m[2][1]) * cb[0];
   lanes green_cb = splat(m[1][1]) * cb[0], green_cr = splat(m[1][2]) * cr[0];
 #pragma GCC unroll 8
@@ -317,13 +316,13 @@ static inline __attribute__((always_inline)) void put_flat_chroma(const layer_st
 }
 
 void levels_to_codes(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
-                     const entry_state *state, uint32_t gain, const shift_window *shifted,
+                     const block_levels *block, uint32_t gain, const shift_window *shifted,
                      uint8_t *u_block) {
-  if (!prediction && !shifted && state->ac_flags <= 1 && !layer->own_colours) {
-    put_flat_chroma(layer, state, gain, u_block);
+  if (!prediction && !shifted && block->ac_flags <= 1 && !layer->own_colours) {
+    put_flat_chroma(layer, block, gain, u_block);
     return;
   }
   lanes b[3][8];
-  make_texels(layer, prediction, state, gain, shifted, b);
+  make_texels(layer, prediction, block, gain, shifted, b);
   put_codes(layer, b, u_block);
 }

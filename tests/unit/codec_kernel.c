@@ -162,7 +162,7 @@ static void low_frequencies_make_the_same_codes(void **state) {
   layer_state layer = {.level_shift = 128, .difference_one = DIFFERENCE_ONE};
   layer_set_jfif_colours(&layer);
   for (int n = 0; n < 2000; n++) {
-    entry_state s = {.ac_flags = random_u32() % 8};
+    block_levels s = {.ac_flags = random_u32() % 8};
     uint8_t codes[2][SLF_BLOCK_NBYTES];
     for (int c = 0; c < 3; c++) {
       for (int i = 0; i < 64; i++) layer.scales[c][i] = 1 + (float)(random_u32() % 64) / 16;
