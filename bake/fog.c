@@ -9,14 +9,17 @@ static const double near_starts = 10;
 /* Less than this is no reflection: a display shows nothing of it. */
 static const float least_reflectance = 1.0f / 512;
 
+/* Of the far fog: beside it what is seen through it hardly counts, so that it need not be known
+ * well.
+ */
+static const float bright = 256;
+
 fog_set fogs_of(const surface *self, double far) {
   double start = surface_ray_start(self), near = near_starts * start;
-  return (fog_set){.fogs = {[NEAR_BLACK] = {near, 0},
-                            [NEAR_WHITE] = {near, 1},
-                            [FAR_BLACK] = {far, 0},
-                            [FAR_WHITE] = {far, 1}},
-                   .t_near_start = (float)exp(-start / near),
-                   .t_far_start = (float)exp(-start / far)};
+  return (fog_set){
+      .fogs = {[NEAR_BLACK] = {near, 0}, [NEAR_WHITE] = {near, 1}, [FAR_BRIGHT] = {far, bright}},
+      .t_near_start = (float)exp(-start / near),
+      .t_far_start = (float)exp(-start / far)};
 }
 
 /* What a fog adds to paths beyond the ray's start, summed over the channels. */
@@ -36,8 +39,14 @@ bool fog_split(const fog_set *by, const float full[3], float *const through[FOG_
     own[k] = reflects ? fminf(seen[NEAR_BLACK][k] * (1 / by->t_near_start), full[k]) : full[k];
     reflected[k] = full[k] - own[k];
   }
-  float opaque = reflects ? fogged(seen[FAR_BLACK], seen[FAR_WHITE], by->t_far_start) / r : 1;
-  *distance = -(float)by->fogs[FAR_BLACK].distance * logf(fminf(fmaxf(1 - opaque, 1e-6f), 1));
+  /* T of what is reflected and 1 - T of the fog add up to this. */
+  float light = 0, sum = 0, start = (1 - by->t_far_start) * bright;
+  for (int k = 0; k < 3; k++) {
+    light += reflected[k];
+    sum += (seen[FAR_BRIGHT][k] - start) / by->t_far_start - own[k];
+  }
+  float opaque = reflects ? (sum - light) / (r * bright - light) : 1;
+  *distance = -(float)by->fogs[FAR_BRIGHT].distance * logf(fminf(fmaxf(1 - opaque, 1e-6f), 1));
   return reflects;
 }
 

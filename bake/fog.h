@@ -5,9 +5,10 @@
  * with T = exp(-h / d). From the surface to the ray's start, a distance e, T_e is known. A surface
  * of own radiance O and reflectance r is seen through it as I(C) = T_e (O + r (T L + (1 - T) C)) +
  * (1 - T_e) C. A near fog lets nothing through from what is reflected (T = 0): I(0) = T_e O and
- * I(1) - I(0) = T_e r + 1 - T_e. A far fog then gives 1 - T = ((I(1) - I(0) - 1 + T_e) / T_e) / r,
- * so h. Nothing of this asks what the scene is made of. Where r varies along the path, as with
- * reflections of reflections, the fogs weigh its segments: h is a weighted mean. */
+ * I(1) - I(0) = T_e r + 1 - T_e. What is left of the picture without fog is r L. A far fog of any
+ * one C then gives T, so h, the more surely the brighter it is. Nothing of this asks what the scene
+ * is made of. Where r varies along the path, as with reflections of reflections, the fogs weigh its
+ * segments: h is a weighted mean. */
 #ifndef BAKE_FOG_H
 #define BAKE_FOG_H
 
@@ -19,7 +20,7 @@ typedef struct {
 } fog;
 
 /* The pictures through fogs, beside the one without. */
-enum { NEAR_BLACK, NEAR_WHITE, FAR_BLACK, FAR_WHITE, FOG_COUNT };
+enum { NEAR_BLACK, NEAR_WHITE, FAR_BRIGHT, FOG_COUNT };
 
 /* What a surface is seen through; `far` is about how far away what it reflects is, in scene units.
  */

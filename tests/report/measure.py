@@ -34,7 +34,7 @@ SCENES = {
     "floor": dict(scene="floor", declare="Mirror=1", surfaces=["floor"], directions=32, scan=[4, 8, 16, 32],
                   depth="depth-floor-8", truth=7),
     "bottle": dict(scene="bottle", declare="", surfaces=["bottle"], directions=32, scan=[4, 8, 16, 32, 64],
-                   depth="depth-bottle-8", truth=7),
+                   depth="depth-bottle-6", truth=7),
     "box": dict(scene="box", declare="", surfaces=None, directions=16, scan=[4, 8, 16, 32], truth=7),
     "cube": dict(scene="cube", declare="", surfaces=None, directions=32, scan=[4, 8, 16, 32, 64],
                  depth="depth-cube-12", truth=7),
