@@ -2,15 +2,15 @@
 // that, so that a slice of its light field is striped.
 //
 // Declare=Texels=256    texels of the bottle along U, around it
-// Declare=Texels_Along=512  along V, from its lid down; as many as around it by default. Ripples turn its
-//                       normals faster along it than around it
+// Declare=Along=2       so many times as many along V, from its lid down: ripples turn its normals faster along
+//                       it than around it; 1 by default
 // Declare=Directions=32 directions of the bottle along S and T
 #version 3.7;
 global_settings { assumed_gamma 1.0 max_trace_level 6 }
 #include "slf.inc"
 
 #ifndef (Texels) #declare Texels = 256; #end
-#ifndef (Texels_Along) #declare Texels_Along = Texels; #end
+#ifndef (Along) #declare Along = 1; #end
 #ifndef (Directions) #declare Directions = 32; #end
 
 // The room: x -3..3, y 0..4, z -3..3.
@@ -94,7 +94,7 @@ box { Block_Low, Block_High pigment { rgb <0.22, 0.46, 0.30> } finish { Matte } 
 camera { perspective location <0.9, 2.1, -2.85> right x*4/3 up y angle 70 look_at <0, 1.05, 0.2> }
 
 // ---- Surfaces ----------------------------------------------------------------------------------------
-Slf_Lathe("bottle", Profile, <Texels, Texels_Along>, <Directions, Directions>)
+Slf_Lathe("bottle", Profile, <Texels, Along*Texels>, <Directions, Directions>)
 
 Slf_Quad("floor", <-Half, 0, -Half>, 2*Half*z, 2*Half*x, <512, 512>, Slf_Matte)
 Slf_Quad("ceiling", <-Half, Height, -Half>, 2*Half*x, 2*Half*z, <64, 64>, Slf_Matte)

@@ -32,7 +32,9 @@ table() {
   cat <<END
 box|check-scene-box|Texels=128 Directions=4|front 30.9|left 30.6|above 30.8
 cube|check-scene-cube|Texels=64 Directions=4|front 19.1|left 20.3|back 19.1
+cube|check-scene-cube-layers|Texels=64 Directions=8 Slf_Layers=4|front 9|left 9|back 9
 bottle|check-scene-bottle|Texels=64 Directions=8|front 24.8|side 23.2|above 25.9
+bottle|check-scene-bottle-layers|Texels=96 Along=2 Directions=6 Slf_Layers=4|front 9|side 9|above 9
 pond|check-pond||shore 24.2|windows 24.7|column 24.8
 gallery|check-scene-gallery|Texels=64 Directions=4 Fine=0|entrance 25.8|ball 24.3|sculpture 23.8
 chess|check-scene-chess|Texels=256 Directions=4 Most=0|middle 26.4|across 17.7|squares 25.7
@@ -41,11 +43,12 @@ END
 echo "1..$(table | while IFS='|' read -r scene _ _ views; do want "$scene" && tr '|' '\n' <<< "$views"; done | wc -l)"
 while IFS='|' read -r scene name declare views; do
   want "$scene" || continue
+  label=${name#check-} label=${label#scene-}
   make --no-print-directory bake "SCENE=$scene" "NAME=$name" "DECLARE=$declare" RAYS=1 > "$out/$scene.log" 2>&1 ||
     sed 's/^/# /' "$out/$scene.log"
   while read -r view margin; do
     read -r psnr _ < <(measure "$scene" "$name" "$view" "$declare")
-    echo "# figure: $scene, $view: ${psnr:-none} dB against POV-Ray"
-    check "$scene, $view, agrees with POV-Ray" "${psnr:-0} >= $margin"
+    echo "# figure: $label, $view: ${psnr:-none} dB against POV-Ray"
+    check "$label, $view, agrees with POV-Ray" "${psnr:-0} >= $margin"
   done < <(tr '|' '\n' <<< "$views")
 done < <(table)
