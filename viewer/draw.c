@@ -568,13 +568,32 @@ drawing_cost drawing_get_cost(const drawing *d) {
   return d->cost;
 }
 
+static bool is_matte(const drawn_surface *s) {
+  for (uint32_t k = 0; k < s->layer_count; k++)
+    if (!s->layers[k].matte) return false;
+  return true;
+}
+
+/* Radiance is the sum of the layers: all but the first are added at equal depth. */
+static void draw_surface(const drawing *d, uint32_t index, int mask_surface) {
+  const drawn_surface *s = &d->surfaces[index];
+  const float paint = (int)index == mask_surface ? 1 : 0;
+  gl.Uniform4f(d->paint_uniform, paint, paint, paint, mask_surface >= 0 ? 1 : 0);
+  gl.BindVertexArray(s->vertex_array);
+  for (uint32_t k = 0; k < s->layer_count && (k == 0 || mask_surface < 0); k++) {
+    if (s->layers[k].texture == 0 || s->layers[k].joined) continue;
+    if (k == 1) gl.Enable(GL_BLEND);
+    gl.BindTexture(GL_TEXTURE_2D, s->layers[k].texture);
+    gl.DrawElements(GL_TRIANGLES, s->index_count, GL_UNSIGNED_INT, NULL);
+  }
+  gl.Disable(GL_BLEND);
+}
+
 slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int height_px,
                           int mask_surface, slf_error *error) {
   slf_result result = resize(d, width_px, height_px, error);
   if (result != SLF_OK) return result;
   camera c = camera_of_view(view, width_px, height_px);
-  if (mask_surface < 0) update_textures(d, &c);
-
   float matrix[16], z_near, z_far, background[3];
   clip_planes(d, &c, &z_near, &z_far);
   camera_clip_matrix(&c, z_near, z_far, matrix);
@@ -594,20 +613,13 @@ slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int he
   gl.ActiveTexture(GL_TEXTURE0);
   gl.BlendFunc(GL_ONE, GL_ONE);
   gl.DepthFunc(GL_LEQUAL);
-  for (uint32_t i = 0; i < d->surface_count; i++) {
-    const drawn_surface *s = &d->surfaces[i];
-    float paint = (int)i == mask_surface ? 1 : 0;
-    gl.Uniform4f(d->paint_uniform, paint, paint, paint, mask_surface >= 0 ? 1 : 0);
-    gl.BindVertexArray(s->vertex_array);
-    /* Radiance is the sum of the layers: all but the first are added at equal depth. */
-    for (uint32_t k = 0; k < s->layer_count && (k == 0 || mask_surface < 0); k++) {
-      if (s->layers[k].texture == 0 || s->layers[k].joined) continue;
-      if (k == 1) gl.Enable(GL_BLEND);
-      gl.BindTexture(GL_TEXTURE_2D, s->layers[k].texture);
-      gl.DrawElements(GL_TRIANGLES, s->index_count, GL_UNSIGNED_INT, NULL);
-    }
-    gl.Disable(GL_BLEND);
-  }
+  for (uint32_t i = 0; i < d->surface_count; i++)
+    if (is_matte(&d->surfaces[i])) draw_surface(d, i, mask_surface);
+  /* The driver draws them on threads of its own while the other textures are made. */
+  gl.Flush();
+  if (mask_surface < 0) update_textures(d, &c);
+  for (uint32_t i = 0; i < d->surface_count; i++)
+    if (!is_matte(&d->surfaces[i])) draw_surface(d, i, mask_surface);
   return SLF_OK;
 }
 

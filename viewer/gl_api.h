@@ -41,6 +41,7 @@
   X(PFNGLENABLEPROC, Enable)                                                                       \
   X(PFNGLENABLEVERTEXATTRIBARRAYPROC, EnableVertexAttribArray)                                     \
   X(PFNGLFINISHPROC, Finish)                                                                       \
+  X(PFNGLFLUSHPROC, Flush)                                                                         \
   X(PFNGLFRAMEBUFFERRENDERBUFFERPROC, FramebufferRenderbuffer)                                     \
   X(PFNGLGENBUFFERSPROC, GenBuffers)                                                               \
   X(PFNGLGENERATEMIPMAPPROC, GenerateMipmap)                                                       \
