@@ -297,7 +297,8 @@ void channels_to_codes(const layer_state *layer, float channels[3][COEFFICIENTS]
   put_codes(layer, b, u_block);
 }
 
-/* Most blocks of low rate: chroma without AC, of JFIF's colours. The sums are put_codes'. */
+/* Most blocks of low rate: chroma without AC, of JFIF's colours. What chroma and the level shift
+ * add to luma is three numbers. */
 static inline __attribute__((always_inline)) void put_flat_chroma(const layer_state *layer,
                                                                   const block_levels *block,
                                                                   uint32_t gain, uint8_t *u_block) {
@@ -306,13 +307,11 @@ static inline __attribute__((always_inline)) void put_flat_chroma(const layer_st
   own_texels(block, 0, (uint16_t)gain, layer->scales[0], b);
   flat_texels(block->levels[1][0], (uint16_t)gain, layer->scales[1], cb);
   flat_texels(block->levels[2][0], (uint16_t)gain, layer->scales[2], cr);
-  lanes red = splat(m[0][2]) * cr[0], blue = splat(m[2][1]) * cb[0];
-  lanes green_cb = splat(m[1][1]) * cb[0], green_cr = splat(m[1][2]) * cr[0];
+  lanes half = splat(128.5f), red = half + splat(m[0][2]) * cr[0];
+  lanes green = half + splat(m[1][1]) * cb[0] + splat(m[1][2]) * cr[0];
+  lanes blue = half + splat(m[2][1]) * cb[0];
 #pragma GCC unroll 8
-  for (int y = 0; y < 8; y++) {
-    lanes luma = b[y] + splat(128.5f);
-    pack_codes(luma + red, luma + green_cb + green_cr, luma + blue, u_block + 32 * y);
-  }
+  for (int y = 0; y < 8; y++) pack_codes(b[y] + red, b[y] + green, b[y] + blue, u_block + 32 * y);
 }
 
 void levels_to_codes(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
