@@ -54,7 +54,7 @@ compare() {
 }
 
 # A preview has half the texels that are declared. Of the floor three places that nothing stands on; the bottle's body level and from 45 degrees above and below.
-read -r planar planar_own < <(compare floor floor bench-planar "Mirror=1 Texels=96 Directions=16" 25 \
+read -r planar planar_own < <(compare floor floor bench-planar "Mirror=1 Texels=128 Directions=16" 25 \
   'angle 108 location <-2.6, 1, -2.6> look_at <-2.6, 0, -2.601>' \
   'angle 108 location <2.6, 1, 2.6> look_at <2.6, 0, 2.599>' \
   'angle 108 location <-0.5, 1, -2.2> look_at <-0.5, 0, -2.201>')
