@@ -277,10 +277,9 @@ enum { SCHEMES = 4 };
  * version's library. */
 static void files_of_old_versions_are_read(void **state) {
   (void)state;
-  static const char *const names[] = {"tests/unit/old/layered-3.1.slf",
-                                      "tests/unit/old/none-3.1.slf",
-                                      "tests/unit/old/layered-3.2.slf",
-                                      "tests/unit/old/none-3.2.slf"};
+  static const char *const names[] = {
+      "tests/unit/old/layered-3.1.slf", "tests/unit/old/none-3.1.slf",
+      "tests/unit/old/layered-3.2.slf", "tests/unit/old/none-3.2.slf"};
   analytic field = {20, 12, 6, 5, 1};
   for (int i = 0; i < 4; i++) {
     slf_error error;
