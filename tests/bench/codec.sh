@@ -6,7 +6,7 @@
 # in one run, so that each processor measures a part. When all are there they are put together, and of those
 # that a goal names the worst over the parts stands under the bare name.
 set -eu
-all="synthetic-16 floor_9_rays-16 bottle-16 bottle-32 bottle-64 box_128_texels-16 cube-32"
+all="bottle-64 bottle-32 cube-32 box_128_texels-16 bottle-16 floor_9_rays-16 synthetic-16"
 out=build/bench/codec.parts; mkdir -p "$out"
 first() { # the first surface of a scene with directions
   awk '/^surface /{ if ($5 > 1) { print $2; exit } }' "$1/scene.txt"

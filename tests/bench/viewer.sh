@@ -8,7 +8,7 @@
 #   make bake SCENE=bottle NAME=bench-bottle_256_texels-32 QUALITY=paper RAYS=1 DECLARE="Directions=32 Texels=256"
 set -eu
 out=build/bench; mkdir -p "$out"
-fields=(bottle-{8,16,32,64} cube-{8,16,32,64} pond_256_texels-32)
+fields=(bottle-{8,16,32,64} cube-{8,16,32} cube_32_texels-64 pond_256_texels-32)
 tests/bench/bakes.sh "${fields[@]}"
 files=("${fields[@]/#/build/bench-}")
 files=("${files[@]/%/.slf}")
@@ -48,6 +48,7 @@ read = lambda name: json.load(open(f"{out}/viewer_{name}.json"))
 keys = {}
 for key, value in read("cache").items():  # warm_vs_uncompressed_bench-bottle-32
     what, kind, scene, directions = re.fullmatch(r"(\w+)_(bench|viewer)-(\w+)-(\d+)", key).groups()
+    scene = {"cube_32_texels": "cube"}.get(scene, scene)
     if kind == "viewer":
         directions += "_at_11_to_1"
     keys[f"{what}_{scene}_{directions}"] = value
