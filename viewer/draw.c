@@ -574,6 +574,15 @@ static bool is_matte(const drawn_surface *s) {
   return true;
 }
 
+static bool mixes_by_depth(const drawing *d) {
+  for (uint32_t i = 0; i < d->surface_count; i++)
+    for (uint32_t k = 0; k < d->surfaces[i].layer_count; k++) {
+      const texture *shown = d->surfaces[i].layers[k].shown;
+      if (shown && shown->depth) return true;
+    }
+  return false;
+}
+
 /* Radiance is the sum of the layers: all but the first are added at equal depth. */
 static void draw_surface(const drawing *d, uint32_t index, int mask_surface) {
   const drawn_surface *s = &d->surfaces[index];
@@ -613,11 +622,14 @@ slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int he
   gl.ActiveTexture(GL_TEXTURE0);
   gl.BlendFunc(GL_ONE, GL_ONE);
   gl.DepthFunc(GL_LEQUAL);
+  const bool long_update = mask_surface < 0 && mixes_by_depth(d);
+  if (mask_surface < 0 && !long_update) update_textures(d, &c);
   for (uint32_t i = 0; i < d->surface_count; i++)
     if (is_matte(&d->surfaces[i])) draw_surface(d, i, mask_surface);
-  /* The driver draws them on threads of its own while the other textures are made. */
-  gl.Flush();
-  if (mask_surface < 0) update_textures(d, &c);
+  if (long_update) { /* the driver draws those meanwhile, on threads of its own */
+    gl.Flush();
+    update_textures(d, &c);
+  }
   for (uint32_t i = 0; i < d->surface_count; i++)
     if (!is_matte(&d->surfaces[i])) draw_surface(d, i, mask_surface);
   return SLF_OK;
