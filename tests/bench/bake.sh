@@ -53,7 +53,8 @@ compare() {
       printf "%.3f %.3f\n", theirs/rendered/(ours/baked), own/seen/(ours/baked) }'
 }
 
-# A preview has half the texels that are declared. Of the floor three places that nothing stands on; the bottle's body level and from 45 degrees above and below.
+# A preview has half the texels that are declared. Of the floor three places that nothing stands on; the bottle's
+# body level and from 45 degrees above and below.
 read -r planar planar_own < <(compare floor floor bench-planar "Mirror=1 Texels=128 Directions=16" 25 \
   'angle 108 location <-2.6, 1, -2.6> look_at <-2.6, 0, -2.601>' \
   'angle 108 location <2.6, 1, 2.6> look_at <2.6, 0, 2.599>' \

@@ -1,6 +1,7 @@
 #!/bin/bash
 # What the viewer costs, as one flat object of named numbers: build/bench/viewer.json.
-# usage: viewer.sh, from the repository's root; bakes what is missing. Keys end in SCENE_DIRECTIONS;
+# usage: viewer.sh, from the repository's root; bakes what is missing. Keys end in SCENE_DIRECTIONS (the cube's 64
+# have 32x32 texels, fewer than its others);
 # those without a scene's name are the worst over the scenes. Bottle and cube are the paper's shapes; the
 # pond, a floor of 256x256 texels, is as large as the paper's surfaces were. What a cold frame costs goes
 # with the bits of a block, so bottle and cube are measured at 11 to 1, too, where the paper saw no loss. The
