@@ -15,7 +15,7 @@ ok() { count=$((count + 1)); echo "ok $count - $1"; }
 not_ok() { count=$((count + 1)); echo "not ok $count - $1"; [ ! -s "$root/log" ] || sed 's/^/# /' "$root/log"; }
 check() { if eval "$2"; then ok "$1"; else not_ok "$1"; fi; }
 chunks() { find build/bake/robust -name '0*.exr' | sort; }
-echo 1..14
+echo 1..15
 
 # The undisturbed bake.
 start=$(date +%s%N)
@@ -105,6 +105,22 @@ check "and the next run goes on" '[ -s build/robust.slf ]'
 bake NAME=robust-inf DECLARE=Glow=1e30 > "$root/log" 2>&1
 status=$?
 check "infinite radiance: surface, slice and texel named" '[ $status -ne 0 ] && grep -qE "^slf: .*surface .(floor|ball|wall)., slice [0-9]+,[0-9]+, texel [0-9]+,[0-9]+: radiance is" "$root/log" && [ ! -e build/robust-inf.slf ]'
+
+# Glass that is no block of glass: which surface, and what was expected. Nothing is rendered.
+cp "$scene" "$root/whole.pov"
+refused=0
+while read -r slab said; do
+  { cat "$root/whole.pov"; echo "Slf_Slab($slab)"; } > "$scene"
+  bake NAME=robust-slab > "$root/log" 2>&1 || { grep -q "^slf: .*Slf_Slab: $said" "$root/log" && refused=$((refused + 1)); }
+done <<'SLABS'
+"ball",1,1.5 no flat surface is called 'ball'
+"pane",1,1.5 no flat surface is called 'pane'
+"floor",0,1.5 'floor': expected a thickness above 0
+"floor",-1,1.5 'floor': expected a thickness above 0
+"floor",1,1 'floor': expected a thickness above 0 and an index of refraction above 1
+SLABS
+check "a slab that is none: 5 refusals in a line" '[ $refused -eq 5 ] && [ ! -e build/robust-slab.slf ]'
+cp "$root/whole.pov" "$scene"
 
 # A mistake in the scene: POV-Ray's own line.
 sed -i 's/^plane { -z/plane -z/' "$scene"

@@ -1,4 +1,5 @@
 /* A file comes back as it was written, and only as it was written. */
+#include "codec/file.h"
 #include "codec/slf.h"
 
 #include <math.h>
@@ -208,6 +209,27 @@ static void error_falls_as_quality_rises(void **state) {
     assert_true(found > least);
     assert_true(found > previous);
     previous = found;
+    slf_close(file);
+  }
+}
+
+/* Heads coded whole, which only larger files have: slices, and blocks alone, decode to what the
+ * encoder chose their levels for. */
+static void whole_heads_come_back(void **state) {
+  (void)state;
+  analytic field = {128, 128, 6, 6, 1};
+  const slf_angular angular[] = {SLF_ANGULAR_NONE, SLF_ANGULAR_LAYERED};
+  for (int i = 0; i < 2; i++) {
+    write_file(&field, 75, angular[i]);
+    slf_error error;
+    slf_file *file;
+    MUST(slf_open(path, &file, &error));
+    const huffman_code *code =
+        &file->surfaces[0].layers[0].streams[STREAM_REST].codes.codes[CODE_WHOLE_HEAD];
+    double found = psnr(file, &field), chosen = slf_get_surface(file, 0)->layers[0].psnr;
+    print_message("  %d whole heads, %.3f dB, chosen for %.3f\n", code->symbol_count, found, chosen);
+    assert_true(code->symbol_count > 0);
+    assert_true(fabs(found - chosen) < 0.05); /* as files_of_old_versions_are_read */
     slf_close(file);
   }
 }
@@ -633,6 +655,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(what_was_written_is_read),
                                      cmocka_unit_test(slabs_bend_light_or_are_refused),
                                      cmocka_unit_test(error_falls_as_quality_rises),
+                                     cmocka_unit_test(whole_heads_come_back),
                                      cmocka_unit_test(blocks_agree_with_slices),
                                      cmocka_unit_test(files_of_old_versions_are_read),
                                      cmocka_unit_test(every_truncation_is_refused),
