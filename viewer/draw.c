@@ -40,6 +40,10 @@ enum { AHEAD_BLOCKS = 4000 };
 /* Blocks of texels: some 1.5 ms of mixing by depth on calm water, 3 on disturbed. */
 enum { TOGETHER_BLOCKS = 512 };
 
+typedef struct {
+  GLuint framebuffer, colour, depth;
+} canvas;
+
 struct drawing {
   const slf_file *file;
   drawing_options options;
@@ -49,12 +53,14 @@ struct drawing {
   float centre[3], radius; /* a sphere around all vertices */
   GLuint program;
   GLint clip_uniform, paint_uniform, tone_uniform;
-  GLuint framebuffer, colour, depth;
+  canvas picture;
+  canvas matte;   /* what is matte of it, kept while only water moves */
+  bool has_matte; /* of the latest frame's camera and look */
   int width_px, height_px;
   drawing_look look;
   drawing_cost cost;
-  GLint most_anisotropic; /* 1: the driver has none */
-  camera latest;          /* what the textures show */
+  GLint most_anisotropic;      /* 1: the driver has none */
+  camera latest, latest_matte; /* what the textures show, and what the matte surfaces */
   bool textures_valid;
 };
 
@@ -389,6 +395,12 @@ refused:
   return result;
 }
 
+static void free_canvas(canvas *c) {
+  gl.DeleteFramebuffers(1, &c->framebuffer);
+  gl.DeleteRenderbuffers(1, &c->colour);
+  gl.DeleteRenderbuffers(1, &c->depth);
+}
+
 void drawing_free(drawing *d) {
   if (!d) return;
   for (uint32_t i = 0; i < d->surface_count; i++) {
@@ -404,17 +416,32 @@ void drawing_free(drawing *d) {
     gl.DeleteBuffers(1, &s->vertices);
     gl.DeleteBuffers(1, &s->indices);
   }
-  gl.DeleteFramebuffers(1, &d->framebuffer);
-  gl.DeleteRenderbuffers(1, &d->colour);
-  gl.DeleteRenderbuffers(1, &d->depth);
+  free_canvas(&d->picture);
+  free_canvas(&d->matte);
   gl.DeleteProgram(d->program);
   block_cache_free(d->cache);
   free(d->surfaces);
   free(d);
 }
 
+static bool resize_canvas(canvas *c, int width_px, int height_px) {
+  if (!c->framebuffer) {
+    gl.GenFramebuffers(1, &c->framebuffer);
+    gl.GenRenderbuffers(1, &c->colour);
+    gl.GenRenderbuffers(1, &c->depth);
+  }
+  gl.BindRenderbuffer(GL_RENDERBUFFER, c->colour);
+  gl.RenderbufferStorage(GL_RENDERBUFFER, GL_SRGB8_ALPHA8, width_px, height_px);
+  gl.BindRenderbuffer(GL_RENDERBUFFER, c->depth);
+  gl.RenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT32F, width_px, height_px);
+  gl.BindFramebuffer(GL_FRAMEBUFFER, c->framebuffer);
+  gl.FramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, c->colour);
+  gl.FramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, c->depth);
+  return gl.CheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE;
+}
+
 static slf_result resize(drawing *d, int width_px, int height_px, slf_error *error) {
-  if (d->framebuffer && d->width_px == width_px && d->height_px == height_px) return SLF_OK;
+  if (d->picture.framebuffer && d->width_px == width_px && d->height_px == height_px) return SLF_OK;
   GLint most = 0;
   gl.GetIntegerv(GL_MAX_RENDERBUFFER_SIZE, &most);
   if (width_px < 1 || height_px < 1 || width_px > most || height_px > most) {
@@ -423,19 +450,8 @@ static slf_result resize(drawing *d, int width_px, int height_px, slf_error *err
              width_px, height_px, most, most);
     return SLF_ERROR_ARGUMENT;
   }
-  if (!d->framebuffer) {
-    gl.GenFramebuffers(1, &d->framebuffer);
-    gl.GenRenderbuffers(1, &d->colour);
-    gl.GenRenderbuffers(1, &d->depth);
-  }
-  gl.BindRenderbuffer(GL_RENDERBUFFER, d->colour);
-  gl.RenderbufferStorage(GL_RENDERBUFFER, GL_SRGB8_ALPHA8, width_px, height_px);
-  gl.BindRenderbuffer(GL_RENDERBUFFER, d->depth);
-  gl.RenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT32F, width_px, height_px);
-  gl.BindFramebuffer(GL_FRAMEBUFFER, d->framebuffer);
-  gl.FramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, d->colour);
-  gl.FramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, d->depth);
-  if (gl.CheckFramebufferStatus(GL_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE)
+  d->has_matte = false;
+  if (!resize_canvas(&d->picture, width_px, height_px))
     return fail(error, SLF_ERROR_IO, "OpenGL: no sRGB framebuffer of that size");
   d->width_px = width_px;
   d->height_px = height_px;
@@ -538,6 +554,7 @@ static void update_textures(drawing *d, const camera *c) {
 
 void drawing_set_look(drawing *d, const drawing_look *look) {
   if (look->detail != d->look.detail || look->mix != d->look.mix) d->textures_valid = false;
+  d->has_matte = false;
   d->look = *look;
   for (uint32_t i = 0; i < d->surface_count; i++)
     for (uint32_t k = 0; k < d->surfaces[i].layer_count; k++) {
@@ -574,6 +591,13 @@ static bool is_matte(const drawn_surface *s) {
   return true;
 }
 
+/* Whether water moved in the latest frame. */
+static bool any_bent(const drawing *d) {
+  for (uint32_t i = 0; i < d->surface_count; i++)
+    if (d->surfaces[i].was_bent) return true;
+  return false;
+}
+
 static bool mixes_by_depth(const drawing *d) {
   for (uint32_t i = 0; i < d->surface_count; i++)
     for (uint32_t k = 0; k < d->surfaces[i].layer_count; k++) {
@@ -598,24 +622,55 @@ static void draw_surface(const drawing *d, uint32_t index, int mask_surface) {
   gl.Disable(GL_BLEND);
 }
 
+/* Codes and depths as they are. */
+static void copy_canvas(const drawing *d, const canvas *from, const canvas *to) {
+  gl.Disable(GL_FRAMEBUFFER_SRGB);
+  gl.BindFramebuffer(GL_READ_FRAMEBUFFER, from->framebuffer);
+  gl.BindFramebuffer(GL_DRAW_FRAMEBUFFER, to->framebuffer);
+  gl.BlitFramebuffer(0, 0, d->width_px, d->height_px, 0, 0, d->width_px, d->height_px,
+                     GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT, GL_NEAREST);
+  gl.BindFramebuffer(GL_FRAMEBUFFER, d->picture.framebuffer);
+  gl.Enable(GL_FRAMEBUFFER_SRGB);
+}
+
+static void draw_matte(const drawing *d, int mask_surface) {
+  float background[3] = {0, 0, 0};
+  if (mask_surface < 0) slf_get_background(d->file, background);
+  gl.ClearColor(background[0], background[1], background[2], 1);
+  gl.Clear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+  for (uint32_t i = 0; i < d->surface_count; i++)
+    if (is_matte(&d->surfaces[i])) draw_surface(d, i, mask_surface);
+}
+
+/* From the second frame on in which only water moves what is matte is kept, and then copied. */
+static void show_matte(drawing *d, const camera *c) {
+  const bool still = !memcmp(c, &d->latest_matte, sizeof *c) && any_bent(d);
+  d->has_matte = d->has_matte && still;
+  d->latest_matte = *c;
+  if (d->has_matte) {
+    copy_canvas(d, &d->matte, &d->picture);
+    return;
+  }
+  draw_matte(d, -1);
+  d->has_matte = still && resize_canvas(&d->matte, d->width_px, d->height_px);
+  if (d->has_matte) copy_canvas(d, &d->picture, &d->matte);
+  gl.BindFramebuffer(GL_FRAMEBUFFER, d->picture.framebuffer);
+}
+
 slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int height_px,
                           int mask_surface, slf_error *error) {
   slf_result result = resize(d, width_px, height_px, error);
   if (result != SLF_OK) return result;
   camera c = camera_of_view(view, width_px, height_px);
-  float matrix[16], z_near, z_far, background[3];
+  float matrix[16], z_near, z_far;
   clip_planes(d, &c, &z_near, &z_far);
   camera_clip_matrix(&c, z_near, z_far, matrix);
-  slf_get_background(d->file, background);
-  if (mask_surface >= 0) memset(background, 0, sizeof background);
-  gl.BindFramebuffer(GL_FRAMEBUFFER, d->framebuffer);
+  gl.BindFramebuffer(GL_FRAMEBUFFER, d->picture.framebuffer);
   gl.Viewport(0, 0, width_px, height_px);
   gl.Enable(GL_FRAMEBUFFER_SRGB);
   gl.Enable(GL_DEPTH_TEST);
   gl.Enable(GL_CULL_FACE);
   gl.CullFace(GL_FRONT); /* the camera is left-handed: what winds forwards winds back on screen */
-  gl.ClearColor(background[0], background[1], background[2], 1);
-  gl.Clear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
   gl.UseProgram(d->program);
   gl.UniformMatrix4fv(d->clip_uniform, 1, GL_FALSE, matrix);
   gl.Uniform4f(d->tone_uniform, exp2f(d->look.exposure_ev), d->look.tone_map ? 1 : 0, 0, 0);
@@ -624,9 +679,11 @@ slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int he
   gl.DepthFunc(GL_LEQUAL);
   const bool long_update = mask_surface < 0 && mixes_by_depth(d);
   if (mask_surface < 0 && !long_update) update_textures(d, &c);
-  for (uint32_t i = 0; i < d->surface_count; i++)
-    if (is_matte(&d->surfaces[i])) draw_surface(d, i, mask_surface);
-  if (long_update) { /* the driver draws those meanwhile, on threads of its own */
+  if (mask_surface < 0)
+    show_matte(d, &c);
+  else
+    draw_matte(d, mask_surface);
+  if (long_update) { /* the driver draws that meanwhile, on threads of its own */
     gl.Flush();
     update_textures(d, &c);
   }
@@ -637,7 +694,7 @@ slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int he
 
 void drawing_read(drawing *d, uint8_t *rgba) {
   size_t row_nbytes = (size_t)d->width_px * 4;
-  gl.BindFramebuffer(GL_FRAMEBUFFER, d->framebuffer);
+  gl.BindFramebuffer(GL_FRAMEBUFFER, d->picture.framebuffer);
   gl.ReadPixels(0, 0, d->width_px, d->height_px, GL_RGBA, GL_UNSIGNED_BYTE, rgba);
   for (int y = 0; y < d->height_px / 2; y++) { /* GL counts rows from below */
     uint8_t *a = rgba + (size_t)y * row_nbytes;
@@ -657,7 +714,7 @@ void drawing_finish(drawing *d) {
 
 void drawing_show(drawing *d, int width_px, int height_px) {
   gl.Disable(GL_FRAMEBUFFER_SRGB); /* codes go to the window as they are */
-  gl.BindFramebuffer(GL_READ_FRAMEBUFFER, d->framebuffer);
+  gl.BindFramebuffer(GL_READ_FRAMEBUFFER, d->picture.framebuffer);
   gl.BindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
   gl.BlitFramebuffer(0, 0, d->width_px, d->height_px, 0, 0, width_px, height_px,
                      GL_COLOR_BUFFER_BIT, GL_NEAREST);
