@@ -24,13 +24,16 @@ build/tests/pond/%: build/obj/tests/pond/%.o $(VIEWER_CORE_OBJECTS) $(LIBSLF)
 
 # Small bakes that still mean something. The dull floor takes more rays than a preview: its facets
 # are noise that only rays average out.
-.PHONY: check-bakes
-check-bakes: all
-	$(MAKE) bake SCENE=floor NAME=check-floor RAYS=25
-	$(MAKE) bake SCENE=floor NAME=check-floor-mirror QUALITY=paper RAYS=1 DECLARE="Mirror=1 Directions=32"
-	$(MAKE) bake SCENE=pond NAME=check-pond RAYS=1
-	$(MAKE) bake SCENE=pond NAME=check-pond-layers RAYS=1 DECLARE="Texels=256 Directions=8 Slf_Layers=8"
-	$(MAKE) bake SCENE=floor NAME=check-floor-layers RAYS=1 DECLARE="Mirror=1 Texels=256 Directions=8 Slf_Layers=8"
+CHECK_BAKES := check-floor check-floor-mirror check-pond check-pond-layers check-floor-layers
+.PHONY: check-bakes $(CHECK_BAKES)
+check-bakes: $(CHECK_BAKES)
+$(CHECK_BAKES): all
+	$(MAKE) bake NAME=$@ $(OPTIONS)
+check-floor: OPTIONS = SCENE=floor RAYS=25
+check-floor-mirror: OPTIONS = SCENE=floor QUALITY=paper RAYS=1 DECLARE="Mirror=1 Directions=32"
+check-pond: OPTIONS = SCENE=pond RAYS=1
+check-pond-layers: OPTIONS = SCENE=pond RAYS=1 DECLARE="Texels=256 Directions=8 Slf_Layers=8"
+check-floor-layers: OPTIONS = SCENE=floor RAYS=1 DECLARE="Mirror=1 Texels=256 Directions=8 Slf_Layers=8"
 
 .PHONY: unit-suites format
 unit-suites: $(UNIT_SUITES)
