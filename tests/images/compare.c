@@ -1,9 +1,9 @@
-/* compare A.png B.png MASK.png - how two pictures differ where the mask is white, one pixel in from
- * its edge. Prints one line: PSNR in dB of the 8-bit colours; the shift of B against A in pixels;
- * the standard deviation in pixels of the Gaussian that makes A as blurred as B; the number of
- * pixels compared. The shift is the peak of the normalised cross-correlation of B's luma with A's,
- * A blurred so that the peak is highest: against a sharp A, what lies beyond the blur's reach would
- * pull it. */
+/* compare [--shift] A.png B.png MASK.png - how two pictures differ where the mask is white, one
+ * pixel in from its edge. Prints one line: PSNR in dB of the 8-bit colours and the number of pixels
+ * compared; with --shift, which takes seconds, also the shift of B against A in pixels and the
+ * standard deviation in pixels of the Gaussian that makes A as blurred as B. The shift is the peak
+ * of the normalised cross-correlation of B's luma with A's, A blurred so that the peak is highest:
+ * against a sharp A, what lies beyond the blur's reach would pull it. */
 #include <math.h>
 #include <png.h>
 #include <stdint.h>
@@ -78,8 +78,33 @@ static double peak(double before, double at, double after) {
   return 0.5 * (before - after) / (before - 2 * at + after);
 }
 
+/* Prints shift and blur of b against a. */
+static int print_shift(const picture *a, const picture *b, const picture *mask) {
+  double *la = luma(a), *lb = luma(b), *row = luma(a), *blurred = luma(a);
+  if (!la || !lb || !row || !blurred) return fprintf(stderr, "compare: out of memory\n"), 1;
+  double best = -2, best_sigma = 0, shift_x = 0, shift_y = 0;
+  for (double sigma_px = 0; sigma_px <= 12; sigma_px += 0.5) {
+    blur_along(mask, la, row, sigma_px, 1, 0), blur_along(mask, row, blurred, sigma_px, 0, 1);
+    for (int y = -RADIUS + 1; y < RADIUS; y++)
+      for (int x = -RADIUS + 1; x < RADIUS; x++) {
+        double at = correlation(blurred, lb, mask, x, y);
+        if (at <= best) continue;
+        best = at, best_sigma = sigma_px;
+        shift_x = x + peak(correlation(blurred, lb, mask, x - 1, y), at,
+                           correlation(blurred, lb, mask, x + 1, y));
+        shift_y = y + peak(correlation(blurred, lb, mask, x, y - 1), at,
+                           correlation(blurred, lb, mask, x, y + 1));
+      }
+  }
+  printf(" %.3f %.3f %.1f", shift_x, shift_y, best_sigma);
+  free(la), free(lb), free(row), free(blurred);
+  return 0;
+}
+
 int main(int argc, char **argv) {
-  if (argc != 4) return fprintf(stderr, "compare: expected A.png B.png MASK.png\n"), 2;
+  int shift = argc > 1 && !strcmp(argv[1], "--shift");
+  argc -= shift, argv += shift;
+  if (argc != 4) return fprintf(stderr, "compare: expected [--shift] A.png B.png MASK.png\n"), 2;
   picture a = read_picture(argv[1]), b = read_picture(argv[2]), mask = read_picture(argv[3]);
   if (a.width != b.width || a.width != mask.width || a.height != b.height ||
       a.height != mask.height)
@@ -100,24 +125,9 @@ int main(int argc, char **argv) {
       }
   if (!count) return fprintf(stderr, "compare: %s: nothing is white\n", argv[3]), 1;
 
-  double *la = luma(&a), *lb = luma(&b), *row = luma(&a), *blurred = luma(&a);
-  if (!la || !lb || !row || !blurred) return fprintf(stderr, "compare: out of memory\n"), 1;
-  double best = -2, best_sigma = 0, shift_x = 0, shift_y = 0;
-  for (double sigma_px = 0; sigma_px <= (getenv("QUICK") ? 0 : 12); sigma_px += 0.5) {
-    blur_along(&mask, la, row, sigma_px, 1, 0), blur_along(&mask, row, blurred, sigma_px, 0, 1);
-    for (int y = -RADIUS + 1; y < RADIUS; y++)
-      for (int x = -RADIUS + 1; x < RADIUS; x++) {
-        double at = correlation(blurred, lb, &mask, x, y);
-        if (at <= best) continue;
-        best = at, best_sigma = sigma_px;
-        shift_x = x + peak(correlation(blurred, lb, &mask, x - 1, y), at,
-                           correlation(blurred, lb, &mask, x + 1, y));
-        shift_y = y + peak(correlation(blurred, lb, &mask, x, y - 1), at,
-                           correlation(blurred, lb, &mask, x, y + 1));
-      }
-  }
-  printf("%.2f %.3f %.3f %.1f %ld\n", 10 * log10(255.0 * 255.0 * 3 * (double)count / squares),
-         shift_x, shift_y, best_sigma, count);
-  free(la), free(lb), free(row), free(blurred), free(a.rgb), free(b.rgb), free(mask.rgb);
-  return 0;
+  printf("%.2f %ld", 10 * log10(255.0 * 255.0 * 3 * (double)count / squares), count);
+  int failed = shift && print_shift(&a, &b, &mask);
+  putchar('\n');
+  free(a.rgb), free(b.rgb), free(mask.rgb);
+  return failed;
 }

@@ -23,7 +23,7 @@ echo "1..9"
 while read -r view margin; do
   tests/truth floor "$view" $size 4 "$out/$view-truth.png" Declare=Mirror=1 &&
     build/slfview $file --view "$view" --size $size --backend osmesa --mask floor --output "$out/$view-mask.png"
-  read -r psnr _ _ blur _ < <(measure "$view" depth)
+  read -r psnr _ < <(measure "$view" depth)
   read -r paper _ < <(measure "$view" four-tap)
   echo "# figure: mirror floor by depth, $view: ${psnr:-none} dB, four taps ${paper:-none} dB"
   check "mirror floor by depth, $view, agrees with POV-Ray" "${psnr:-0} >= $margin"
