@@ -16,6 +16,7 @@ typedef struct {
                       {u_tu, v_tu, u_tv, v_tv} */
   float bend[4];   /* the same of the normal's tilt */
   float turn[2];   /* radians from tangent_u to tangent_v for a texel along u, along v */
+  float rest[2];   /* 0: a frame is three times eight numbers, to be read as such */
 } depth_frame;
 
 /* Of each texel, row by row; NULL if memory ran out. `wrap_u`: u = 1 continues at u = 0. The caller

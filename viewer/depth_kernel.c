@@ -197,8 +197,11 @@ INLINE f8 magnitude(f8 x) {
  */
 
 /* Eight of a curved surface's frames: depth_frames.h. */
-typedef struct {
-  f8 position[3], normal[3], tangent_u[3], tangent_v[3], across[4], bend[4], turn[2];
+typedef union {
+  struct {
+    f8 position[3], normal[3], tangent_u[3], tangent_v[3], across[4], bend[4], turn[2];
+  };
+  f8 numbers[sizeof(depth_frame) / sizeof(float)];
 } frame8;
 
 /* Eight rays, from texels of the light, less half a texel: behind a slab, from where they leave
@@ -394,12 +397,43 @@ INLINE f8 pick(const float *of_texel, const uint8_t texels[LANES]) {
   return v;
 }
 
+/* Eight frames side by side, each number of theirs in a vector. */
+INLINE void load_frames(const depth_frame *frames, const int32_t texel[LANES], frame8 *at) {
+  enum { COUNT = sizeof(depth_frame) / sizeof(float) };
+  _Static_assert(COUNT % LANES == 0, "frames are read by the vector");
+#if defined(__AVX2__)
+  for (int k = 0; k < COUNT; k += LANES) {
+    __m256 a[LANES], b[LANES];
+    for (int l = 0; l < LANES; l++)
+      a[l] = _mm256_loadu_ps((const float *)(const void *)&frames[texel[l]] + k);
+    for (int l = 0; l < LANES; l += 2) {
+      b[l] = _mm256_unpacklo_ps(a[l], a[l + 1]);
+      b[l + 1] = _mm256_unpackhi_ps(a[l], a[l + 1]);
+    }
+    for (int l = 0; l < LANES; l += 4)
+      for (int i = 0; i < 2; i++) {
+        a[l + 2 * i] = _mm256_shuffle_ps(b[l + i], b[l + 2 + i], 0x44);
+        a[l + 2 * i + 1] = _mm256_shuffle_ps(b[l + i], b[l + 2 + i], 0xee);
+      }
+    for (int i = 0; i < 4; i++) {
+      at->numbers[k + i] = _mm256_permute2f128_ps(a[i], a[i + 4], 0x20);
+      at->numbers[k + i + 4] = _mm256_permute2f128_ps(a[i], a[i + 4], 0x31);
+    }
+  }
+#else
+  for (int l = 0; l < LANES; l++) {
+    float of_one[COUNT];
+    memcpy(of_one, &frames[texel[l]], sizeof of_one);
+    for (int k = 0; k < COUNT; k++) at->numbers[k][l] = of_one[k];
+  }
+#endif
+}
+
 /* The frames at texels (x, y) of the light: those of the nearest, moved on by how they change. */
 static __attribute__((noinline)) void frames_at(const depth_field *field, const f8 *x, const f8 *y,
                                                 frame8 *at) {
-  enum { COUNT = sizeof(depth_frame) / sizeof(float) };
   const depth_pages *p = &field->pages;
-  float numbers[COUNT][LANES];
+  int32_t texel[LANES];
   f8 u = *x + 0.5f, v = *y + 0.5f;
   if (p->wrap_u) {
     f8 round = all((float)p->u_count);
@@ -407,12 +441,9 @@ static __attribute__((noinline)) void frames_at(const depth_field *field, const 
   }
   i8 i = to_int(smaller(larger(u, all(0)), all((float)p->u_count - 0.5f)));
   i8 j = to_int(smaller(larger(v, all(0)), all((float)p->v_count - 0.5f)));
-  for (int l = 0; l < LANES; l++) {
-    float of_one[COUNT];
-    memcpy(of_one, &field->frames[(size_t)j[l] * p->u_count + (size_t)i[l]], sizeof of_one);
-    for (int k = 0; k < COUNT; k++) numbers[k][l] = of_one[k];
-  }
-  memcpy(at, numbers, sizeof numbers);
+  i8 number = j * (int32_t)p->u_count + i;
+  memcpy(texel, &number, sizeof texel);
+  load_frames(field->frames, texel, at);
   f8 e_u = u - to_float(i) - 0.5f, e_v = v - to_float(j) - 0.5f;
   f8 right_u = at->across[0] * e_u + at->across[1] * e_v;
   f8 right_v = at->across[2] * e_u + at->across[3] * e_v;
