@@ -1,12 +1,12 @@
 /* match - whether layers pay: what a viewer would make of the probe's tests (probe.h) from layers
  * of 8 x 8 directions.
  *
- * Fogs tell how far along the mirrored ray the thing X is that a texel reflects in a test's
- * direction. Of each of the four slices around that direction, the texel is found whose own
- * mirrored ray passes X nearest: that is the place at which a viewer reads the slice. Rendered, and
- * mixed with the texel's own radiance, they give an error that is compared with that of mixing
- * slices at the texel itself (choose.c). Where heights mean nothing, as in glass, or texels are too
- * coarse for a surface's bends, it comes out no better. */
+ * Fogs tell how far along the mirrored ray, or the one that leaves a slab, the thing X is that a
+ * texel shows in a test's direction. Of each of the four slices around that direction, the texel is
+ * found whose own such ray passes X nearest: that is the place at which a viewer reads the slice.
+ * Rendered, and mixed with the texel's own radiance, they give an error that is compared with that
+ * of mixing slices at the texel itself (choose.c). Where heights mean nothing, as in other glass,
+ * or texels are too coarse for a surface's bends, it comes out no better. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -106,19 +106,40 @@ static float median_distance(const test_set *tests) {
 
 typedef struct {
   double origin[3], direction[3];
+  int sides[2]; /* of a slab that are passed on the way through it, along u and along v */
 } ray;
 
-/* The ray that a mirror at the texel's centre sends to where a viewer in direction stn sees it. */
-static ray mirrored(const texel_frame *at, const double stn[3]) {
-  const double mirror[3] = {-stn[0], -stn[1], stn[2]};
-  ray out;
+/* How often a slab's sides are passed by what leaves it at `point`: what they mirror is seen on
+ * past them as if they were not there. */
+static int sides_passed(const double corner[3], const double edge[3], const double point[3]) {
+  double along = 0, square = 0;
+  for (int k = 0; k < 3; k++)
+    along += (point[k] - corner[k]) * edge[k], square += edge[k] * edge[k];
+  return (int)floor(along / square);
+}
+
+/* The ray along which a viewer in direction stn sees further by way of the texel's centre: mirrored
+ * there, or through a slab (slf.h) from where it leaves that on. */
+static ray beyond(const surface *self, const texel_frame *at, const double stn[3]) {
+  const slf_slab *slab = &self->slab;
+  bool mirror = !(slab->thickness > 0);
+  const double on[3] = {-stn[0], -stn[1], mirror ? stn[2] : -stn[2]};
+  ray out = {.sides = {0, 0}};
   memcpy(out.origin, at->position, sizeof out.origin);
-  texel_frame_to_scene(at, mirror, out.direction);
+  texel_frame_to_scene(at, on, out.direction);
+  if (mirror) return out;
+  double depth = sqrt(slab->ior * slab->ior - stn[0] * stn[0] - stn[1] * stn[1]), through[3];
+  texel_frame_to_scene(at, (const double[3]){on[0], on[1], -depth}, through);
+  for (int k = 0; k < 3; k++) out.origin[k] += slab->thickness / depth * through[k];
+  out.sides[0] = sides_passed(self->corner, self->edge_u, out.origin);
+  out.sides[1] = sides_passed(self->corner, self->edge_v, out.origin);
   return out;
 }
 
-/* The square of the distance at which a ray passes a point; infinite if that lies behind it. */
-static double miss(const ray *from, const double point[3]) {
+/* The square of the distance at which a ray passes the point that another shows; infinite if that
+ * lies behind it, or is seen past other sides. */
+static double miss(const ray *from, const ray *shown, const double point[3]) {
+  if (memcmp(from->sides, shown->sides, sizeof from->sides)) return INFINITY;
   double along = 0, square = 0;
   for (int k = 0; k < 3; k++) {
     double x = point[k] - from->origin[k];
@@ -127,11 +148,14 @@ static double miss(const ray *from, const double point[3]) {
   return along > 0 ? square - along * along : INFINITY;
 }
 
-static uint32_t nearest_ray(const ray *rays, size_t count, const double point[3]) {
-  uint32_t nearest = 0;
-  double least = INFINITY;
+/* `own` if none shows it. */
+static uint32_t nearest_ray(const ray *rays, size_t count, const ray *shown, float distance,
+                            uint32_t own) {
+  uint32_t nearest = own;
+  double least = INFINITY, point[3];
+  for (int k = 0; k < 3; k++) point[k] = shown->origin[k] + distance * shown->direction[k];
   for (size_t i = 0; i < count; i++) {
-    double next = miss(&rays[i], point);
+    double next = miss(&rays[i], shown, point);
     if (next < least) least = next, nearest = (uint32_t)i;
   }
   return nearest;
@@ -154,13 +178,12 @@ static void print_places(const test_set *tests, const texel_frame *frames) {
   for (int view = 0; view < MATCH_COUNT; view++) {
     int test = view / 4;
     for (size_t i = 0; i < texel_count; i++)
-      rays[i] = mirrored(&frames[i], views.stn[MATCH_COUNT + view]);
+      rays[i] = beyond(tests->self, &frames[i], views.stn[MATCH_COUNT + view]);
     for (size_t i = 0; i < tests->texel_count; i++) {
       uint32_t texel = grid_texel(tests, i);
       float distance = reflected_distance(tests, test, i);
-      ray seen = mirrored(&frames[texel], tests->views.stn[1 + test]);
-      for (int k = 0; k < 3; k++) seen.origin[k] += distance * seen.direction[k];
-      printf("%u\n", distance > 0 ? nearest_ray(rays, texel_count, seen.origin) : texel);
+      ray seen = beyond(tests->self, &frames[texel], tests->views.stn[1 + test]);
+      printf("%u\n", distance > 0 ? nearest_ray(rays, texel_count, &seen, distance, texel) : texel);
     }
   }
   free(rays);

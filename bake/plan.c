@@ -60,10 +60,16 @@ static void write_surface(const char *folder, const surface *self, const char *t
     end = end ? end + 1 : begin + strlen(begin);
   } while (*end && !is_scene_line(end));
   if (mkdir(path, 0777) && errno != EEXIST) fail("%s: cannot be made: %s", path, strerror(errno));
-  char *own = format_text(
-      "%.*s%s%s%s", (int)(end - begin), begin, self->auto_layers && self->hdr ? "hdr " : "",
-      self->auto_layers && self->hdr ? self->name : "", self->auto_layers && self->hdr ? "\n" : "");
-  write_text_if_changed(file, own, strlen(own));
+  char *own;
+  size_t own_nbytes;
+  FILE *lines = open_memstream(&own, &own_nbytes);
+  if (!lines) fail("surface '%s': no memory for its description", self->name);
+  fwrite(begin, 1, (size_t)(end - begin), lines);
+  if (self->auto_layers && self->hdr) fprintf(lines, "hdr %s\n", self->name);
+  if (self->auto_layers && self->slab.thickness > 0)
+    fprintf(lines, "slab %s %g %g\n", self->name, self->slab.thickness, self->slab.ior);
+  if (fclose(lines)) fail("surface '%s': no memory for its description", self->name);
+  write_text_if_changed(file, own, own_nbytes);
   free(own);
   free(file);
   free(path);

@@ -11,16 +11,16 @@ check() {
   if eval "$2"; then echo "ok $count - $1"; else echo "not ok $count - $1"; sed 's/^/# /' "$log"; fi
 }
 bake() { rm -rf "build/bake/$1" "build/$1.slf"; make --no-print-directory bake "SCENES=${scenes:-tests/bake}" SCENE=layers "NAME=$1" "DECLARE=$2" QUALITY=paper RAYS="$3" > "$log" 2>&1; }
-# choose NAME DECLARE: only the mirror's choice, without a bake
+# choose NAME SCENE SURFACE DECLARE: only what is chosen for a surface, without a bake
 choose() {
   rm -rf "build/bake/$1"; mkdir "build/bake/$1"
-  printf 'BAKE_SCENE := %s/layers\nBAKE_DECLARE := %s\nBAKE_SCALE := 1\nBAKE_RAYS := 1\n' "${scenes:-tests/bake}" "$2" > "build/bake/$1/options.mk"
-  make --no-print-directory "BAKE=$1" "build/bake/$1/mirror/choice.made" > "$log" 2>&1
+  printf 'BAKE_SCENE := %s\nBAKE_DECLARE := %s\nBAKE_SCALE := 1\nBAKE_RAYS := 1\n' "$2" "$4" > "build/bake/$1/options.mk"
+  make --no-print-directory "BAKE=$1" "build/bake/$1/$3/choice.made" > "$log" 2>&1
 }
 choice() { head -n 1 "build/bake/$1/$2/choice"; }
 # slice NAME CHUNK ROWS K: the K-th image of so many rows of a chunk of the table, into a file of that name.
 slice() { oiiotool "build/bake/$1/table/0000.exr" --cut "16x16+0+$((16*$2))" -o "$log.$3.exr"; }
-echo 1..9
+echo 1..11
 
 bake layers-chosen "" 9
 echo "# figure: $(sed -n 's/^bake: surface //p' "$log" | grep layers | tr '\n' ';')"
@@ -36,13 +36,23 @@ cp build/bake/layers-chosen/mirror_bent/0000.exr "$log.bent.exr"
 bake layers-declared "Directions=8 Far=$far Bent_Far=$bent_far" 9
 check "a mirror's layers are those that it has when they are declared" 'cmp "$log.mirror.exr" build/bake/layers-declared/mirror/0000.exr'
 check "so are a curved mirror's" 'cmp "$log.bent.exr" build/bake/layers-declared/mirror_bent/0000.exr'
-choose layers-never "Slf_Layers=0"
+choose layers-never tests/bake/layers mirror "Slf_Layers=0"
 check "none where the scene says so" '[ "$(choice layers-never mirror | cut -d " " -f 2,3)" = "64 0" ]'
+
+# Glass: what is seen through a block has a place once it is known that it is one.
+choose layers-slab tests/bake/slab pane ""
+slab_error=$(sed -n 's/^error.* as layers //p' build/bake/layers-slab/pane/choice)
+check "a face of a block of glass is worth layers" '[ "$(choice layers-slab pane | cut -d " " -f 1)" = 8 ]'
+choose layers-glass tests/bake/slab pane Named=0
+glass_error=$(sed -n 's/^error.* as layers //p' build/bake/layers-glass/pane/choice)
+echo "# figure: error of glass as layers: $slab_error where it is known for a block, $glass_error where not"
+# 0.095 and 0.129 when this was written: a third more.
+check "where that is not known the error is a fifth higher at least" 'awk "BEGIN { exit !(${slab_error:-9} * 1.2 < ${glass_error:-0}) }"'
 
 # A scene's own fog: nobody chooses layers; who asks for them is told.
 mkdir "$fogged/layers"
 { cat tests/bake/layers/layers.pov; echo 'fog { fog_type 1 distance 20 rgb 0.5 }'; } > "$fogged/layers/layers.pov"
-scenes=$fogged choose layers-fog ""
+choose layers-fog "$fogged/layers" mirror ""
 check "none in a fog" '[ "$(choice layers-fog mirror | cut -d " " -f 2,3)" = "64 0" ]'
 scenes=$fogged bake layers-fog "Directions=8 Slf_Layers=4" 1
 check "layers in a fog are refused" 'grep -q "^slf: .* cannot be baked as layers: the scene has a fog" "$log"'
