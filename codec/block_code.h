@@ -164,8 +164,7 @@ typedef struct {
 
 /* What the C-Blocks of an entry add up to so far. */
 typedef struct {
-  block_levels blocks[2]; /* by turns, so that the one before can wait for its transform */
-  unsigned current;       /* the one of the block read last */
+  block_levels block; /* the one read last */
   int16_t intra_dc[3];
   predictor predictor; /* of the last block that was not PREVIOUS */
   int shift_u, shift_v;
@@ -173,7 +172,7 @@ typedef struct {
 } entry_state;
 
 static inline const block_levels *entry_levels(const entry_state *state) {
-  return &state->blocks[state->current];
+  return &state->block;
 }
 
 static inline void entry_begin(entry_state *state, const int16_t dc_begin[3]) {

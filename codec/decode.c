@@ -17,7 +17,6 @@ typedef struct {
 
 static inline void reader_is_nowhere(entry_reader *r) {
   r->stream = NULL;
-  r->state.current = 0;
 }
 
 static inline void begin_at(entry_reader *r, const entry_site *site, uint64_t bit) {
@@ -45,6 +44,7 @@ static bool skip_to(entry_reader *r, const entry_site *site) {
     r->next = before;
     if (!blocks_pass(tables, &r->reader, r->state.intra_dc, count)) return false;
   }
+  if (r->next == number) return true;
   entry_reader mark;
   mark.next = r->next;
   mark.reader = r->reader;
@@ -66,22 +66,24 @@ static bool skip_to(entry_reader *r, const entry_site *site) {
 
 static void give_up(entry_reader *r) {
   r->stream = NULL;
-  r->state.current ^= 1;
-  r->state.blocks[r->state.current] = (block_levels){0};
+  r->state.block = (block_levels){0};
 }
 
 /* Reads up to a block; a damaged entry ends early, with what was read. */
 static inline void read_up_to(entry_reader *r, const entry_site *site) {
-  bool leans_on_nothing = blocks_before(site) == site->number;
-  if ((r->next != site->number || !(r->has_levels || leans_on_nothing)) && !skip_to(r, site)) {
+  const block_tables *tables = site->stream->tables;
+  uint32_t passed = 0;
+  if (blocks_before(site) == site->number) {
+    passed = site->number - r->next;
+    r->next = site->number;
+  } else if ((r->next != site->number || !r->has_levels) && !skip_to(r, site)) {
     give_up(r);
     return;
   }
-  while (r->next <= site->number) {
-    uint32_t number = r->next++;
-    r->has_levels = true;
-    bool first = number == site->place_first;
-    if (!block_parse(site->stream->tables, &r->reader, number, first, &r->state)) {
+  r->has_levels = true;
+  for (; r->next <= site->number; r->next++, passed = 0) {
+    bool first = r->next == site->place_first;
+    if (!block_parse(tables, &r->reader, passed, r->next, first, &r->state)) {
       r->stream = NULL;
       return;
     }
@@ -315,17 +317,11 @@ typedef struct {
   const layer_state *layer;
   entry_reader rest;
   key_memo memo;
-  /* A block that was read and is transformed when the next one is, too: its last levels are then
-   * where the transform's wide loads find them, and the next one's look-ups do not stand behind it.
-   */
-  const block_levels *waiting; /* NULL: none */
-  uint8_t *waiting_u_block;
 } decoder;
 
 static void decoder_begin(decoder *d, const layer_state *layer) {
   d->layer = layer;
   reader_is_nowhere(&d->rest);
-  d->waiting = NULL;
   memo_begin(&d->memo);
 }
 
@@ -436,9 +432,9 @@ static void decode_channels(const layer_state *layer, uint32_t s, uint32_t t, ui
 
 /* ---- Batches ------------------------------------------------------------------------------- */
 
-/* Blocks go through in groups, and so does what comes before them: a miss takes some 80 ns, about
- * as long as a block, and three dependent ones stand before the bits. */
-enum { GROUP_BLOCKS = 8, GROUPS_AHEAD = 3, RING = (GROUPS_AHEAD + 1) * GROUP_BLOCKS };
+/* What comes before a block's bits is done for blocks that follow, a step for each of three: a miss
+ * takes some 80 ns, about as long as a block, and three dependent ones stand before the bits. */
+enum { FIND_AHEAD = 8, SEGMENT_AHEAD = 16, MAKE_AHEAD = 24, RING = 32 };
 
 typedef struct {
   entry_site site;
@@ -469,62 +465,49 @@ static void find_pending(const pending_block *before, pending_block *p) {
     p->bit = before->bit;
     return;
   }
-  p->bit = stream_find(blocks, p->site.entry);
+  p->bit = stream_find_in_segment(blocks, p->site.entry, p->bit);
   /* As numbers: what precedes the bytes may be asked for, but has no pointer. */
   uintptr_t begin = (uintptr_t)blocks->bytes + p->bit / 8;
-  bool backwards = blocks->paired & p->site.entry;
-  __builtin_prefetch((const void *)(backwards ? begin - 8 : begin));
-  __builtin_prefetch((const void *)(backwards ? begin - 72 : begin + 64));
+  uintptr_t backwards = blocks->paired & p->site.entry;
+  __builtin_prefetch((const void *)(begin - 8 * backwards));
+  __builtin_prefetch((const void *)(begin + 64 - 136 * backwards));
 }
 
-static inline size_t count_left(size_t count, size_t first) {
-  size_t left = first < count ? count - first : 0;
-  return left < GROUP_BLOCKS ? left : GROUP_BLOCKS;
-}
-
-/* What is to be done for the groups after the one at `first`, each a step behind the next. */
-static void look_ahead(const layer_state *layer, const slf_block_address *addresses, size_t count,
-                       size_t first, pending_block ring[RING]) {
-  size_t far = first + GROUPS_AHEAD * GROUP_BLOCKS, middle = far - GROUP_BLOCKS;
-  size_t near = middle - GROUP_BLOCKS;
-  for (size_t i = far; i < far + count_left(count, far); i++)
-    make_pending(layer, addresses[i], i ? &ring[(i - 1) % RING] : NULL, &ring[i % RING]);
-  for (size_t i = middle; i < middle + count_left(count, middle); i++) {
-    const pending_block *p = &ring[i % RING];
-    if (p->exists && !p->follows) stream_prefetch_segment(&p->site.stream->blocks, p->site.entry);
+/* What is to be done for blocks after the one at `i`, each a step behind the next. */
+static inline void look_ahead(const layer_state *layer, const slf_block_address *addresses,
+                              size_t count, size_t i, pending_block ring[RING]) {
+  size_t far = i + MAKE_AHEAD, middle = i + SEGMENT_AHEAD, near = i + FIND_AHEAD;
+  if (far < count)
+    make_pending(layer, addresses[far], far ? &ring[(far - 1) % RING] : NULL, &ring[far % RING]);
+  if (middle < count) {
+    pending_block *p = &ring[middle % RING];
+    if (p->exists && !p->follows)
+      p->bit = stream_prefetch_segment(&p->site.stream->blocks, p->site.entry);
   }
-  for (size_t i = near; i < near + count_left(count, near); i++)
-    if (ring[i % RING].exists) find_pending(&ring[(i - 1) % RING], &ring[i % RING]);
+  if (near < count && ring[near % RING].exists)
+    find_pending(&ring[(near - 1) % RING], &ring[near % RING]);
 }
 
-static void finish_waiting(decoder *d) {
-  if (d->waiting)
-    levels_to_codes(d->layer, NULL, d->waiting, d->layer->gains[STREAM_REST], NULL,
-                    d->waiting_u_block);
-}
-
-/* Levels wait where no prediction must wait with them, and no later block is added to them. */
-static inline bool levels_wait(const decoder *d, const entry_site *site) {
-  return d->layer->public.angular == SLF_ANGULAR_NONE && !site->stream->tables->may_lean;
-}
-
-static void decode_pending(decoder *d, const pending_block *p, uint32_t s, uint32_t t,
-                           uint8_t *u_block) {
+static inline void read_pending(decoder *d, const pending_block *p) {
   entry_reader *r = &d->rest;
-  if (p->is_key) {
-    decode_key_slice(d, s, t, p->place, u_block, NULL);
-    return;
-  }
+  if (!p->exists || p->is_key) return;
   if (r->stream == NULL || r->entry != p->site.entry || r->next > p->site.number)
     begin_at(r, &p->site, p->bit);
   read_up_to(r, &p->site);
-  if (!levels_wait(d, &p->site)) {
+}
+
+/* A block that was read. */
+static inline void finish_pending(decoder *d, const pending_block *p, uint32_t s, uint32_t t,
+                                  uint8_t *u_block) {
+  if (!p->exists)
+    memset(u_block, 0, SLF_BLOCK_NBYTES);
+  else if (p->is_key)
+    decode_key_slice(d, s, t, p->place, u_block, NULL);
+  else if (d->layer->public.angular == SLF_ANGULAR_NONE)
+    levels_to_codes(d->layer, NULL, entry_levels(&d->rest.state), d->layer->gains[STREAM_REST],
+                    NULL, u_block);
+  else
     finish_block(d, &p->site, s, t, p->place, u_block, NULL);
-    return;
-  }
-  finish_waiting(d);
-  d->waiting = entry_levels(&r->state);
-  d->waiting_u_block = u_block;
 }
 
 static void decode_chained(const layer_state *layer, slf_block_address a, uint8_t *u_block) {
@@ -548,19 +531,17 @@ static void decode_batch(const layer_state *layer, const slf_block_address *addr
   decoder d;
   pending_block ring[RING];
   decoder_begin(&d, layer);
-  for (size_t ahead = GROUPS_AHEAD; ahead; ahead--)
-    look_ahead(layer, addresses, count, (size_t)0 - ahead * GROUP_BLOCKS, ring);
-  for (size_t first = 0; first < count; first += GROUP_BLOCKS) {
-    pending_block *group = &ring[first % RING];
-    look_ahead(layer, addresses, count, first, ring);
-    for (size_t i = 0; i < count_left(count, first); i++)
-      if (group[i].exists)
-        decode_pending(&d, &group[i], addresses[first + i].s, addresses[first + i].t,
-                       u_blocks[first + i]);
-      else
-        memset(u_blocks[first + i], 0, SLF_BLOCK_NBYTES);
+  for (size_t ahead = MAKE_AHEAD; ahead; ahead--)
+    look_ahead(layer, addresses, count, (size_t)0 - ahead, ring);
+  look_ahead(layer, addresses, count, 0, ring);
+  for (size_t i = 0; i < count; i++) {
+    const pending_block *p = &ring[i % RING];
+    read_pending(&d, p);
+    /* Between the two, so that the levels' narrow stores have come to the cache when the
+     * transform's wide loads ask for them. */
+    look_ahead(layer, addresses, count, i + 1, ring);
+    finish_pending(&d, p, addresses[i].s, addresses[i].t, u_blocks[i]);
   }
-  finish_waiting(&d);
 }
 
 const kernel KERNEL(kernel) = {.name = SLF_KERNEL_NAME,

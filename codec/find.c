@@ -24,11 +24,15 @@ static uint32_t low_nbytes(const segment *s) {
   return (uint32_t)bytes_for_bits((uint64_t)(s->span_count - 1) * s->low_bits);
 }
 
+static inline uint64_t segment_begin(const block_stream *stream, uint64_t index) {
+  return get_u48(stream->bytes + index * DIRECTORY_ENTRY_NBYTES);
+}
+
 /* False if its head does not lie in the stream. */
-static inline __attribute__((always_inline)) bool find_segment(const block_stream *stream,
-                                                               uint64_t index, segment *s) {
+static inline __attribute__((always_inline)) bool
+find_segment(const block_stream *stream, uint64_t index, uint64_t begin, segment *s) {
   uint64_t end = stream->nbytes - STREAM_PAD_NBYTES;
-  s->begin = get_u48(stream->bytes + index * DIRECTORY_ENTRY_NBYTES);
+  s->begin = begin;
   uint64_t spans_left = stream_span_count(stream) - index * SEGMENT_SPANS;
   s->span_count = spans_left < SEGMENT_SPANS ? (uint32_t)spans_left : SEGMENT_SPANS;
   if (s->begin > end || end - s->begin < 2) return false;
@@ -97,15 +101,14 @@ static inline __attribute__((always_inline)) uint64_t span_offset(const block_st
 
 /* Where segment `index` ends: the next one begins there, or the padding. */
 static uint64_t segment_end(const block_stream *stream, uint64_t index) {
-  return index + 1 < stream_segment_count(stream)
-             ? get_u48(stream->bytes + (index + 1) * DIRECTORY_ENTRY_NBYTES)
-             : stream->nbytes - STREAM_PAD_NBYTES;
+  return index + 1 < stream_segment_count(stream) ? segment_begin(stream, index + 1)
+                                                  : stream->nbytes - STREAM_PAD_NBYTES;
 }
 
-uint64_t stream_find(const block_stream *stream, uint64_t entry) {
+uint64_t stream_find_in_segment(const block_stream *stream, uint64_t entry, uint64_t begin) {
   segment s;
   uint64_t end_bit = (stream->nbytes - STREAM_PAD_NBYTES) * 8, span = entry >> stream->paired, bit;
-  if (!find_segment(stream, span / SEGMENT_SPANS, &s)) return end_bit;
+  if (!find_segment(stream, span / SEGMENT_SPANS, begin, &s)) return end_bit;
   /* The second of a pair begins where the next pair does. */
   uint32_t i = (uint32_t)(span % SEGMENT_SPANS) + (stream->paired & entry);
   uint64_t payload = s.begin + 2 + low_nbytes(&s) + s.high_nbytes;
@@ -116,21 +119,8 @@ uint64_t stream_find(const block_stream *stream, uint64_t entry) {
   return bit < end_bit ? bit : end_bit;
 }
 
-static inline uint64_t segment_of(const block_stream *stream, uint64_t entry) {
-  return (entry >> stream->paired) / SEGMENT_SPANS;
-}
-
-void stream_prefetch_directory(const block_stream *stream, uint64_t entry) {
-  __builtin_prefetch(stream->bytes + segment_of(stream, entry) * DIRECTORY_ENTRY_NBYTES);
-}
-
-void stream_prefetch_segment(const block_stream *stream, uint64_t entry) {
-  uint64_t begin = get_u48(stream->bytes + segment_of(stream, entry) * DIRECTORY_ENTRY_NBYTES);
-  if (begin >= stream->nbytes) return;
-  /* The head with its low bits, and where the high bits begin. */
-  __builtin_prefetch(stream->bytes + begin);
-  __builtin_prefetch(stream->bytes + begin + 64);
-  __builtin_prefetch(stream->bytes + begin + 128);
+uint64_t stream_find(const block_stream *stream, uint64_t entry) {
+  return stream_find_in_segment(stream, entry, get_u48(stream_directory(stream, entry)));
 }
 
 slf_result stream_check(const block_stream *stream, const char *name, slf_error *error) {
@@ -139,7 +129,7 @@ slf_result stream_check(const block_stream *stream, const char *name, slf_error 
   uint64_t expected = segment_count * DIRECTORY_ENTRY_NBYTES;
   for (uint64_t index = 0; index < segment_count; index++) {
     segment s;
-    bool inside = find_segment(stream, index, &s);
+    bool inside = find_segment(stream, index, segment_begin(stream, index), &s);
     if (!inside || s.begin < expected)
       return slf_fail(error, SLF_ERROR_FORMAT,
                       "%s: segment %" PRIu64 " begins at byte %" PRIu64 " of %" PRIu64, name, index,

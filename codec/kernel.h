@@ -29,12 +29,25 @@ uint64_t stream_find(const block_stream *stream, uint64_t entry);
 #define stream_check KERNEL(stream_check)
 slf_result stream_check(const block_stream *stream, const char *name, slf_error *error);
 
-/* Asks for the cache lines that finding an entry will read: first the directory's, later, when that
- * is there, the segment's. */
-#define stream_prefetch_directory KERNEL(stream_prefetch_directory)
-void stream_prefetch_directory(const block_stream *stream, uint64_t entry);
-#define stream_prefetch_segment KERNEL(stream_prefetch_segment)
-void stream_prefetch_segment(const block_stream *stream, uint64_t entry);
+/* The same in three steps, each of which reads what the one before asked for. */
+static inline const uint8_t *stream_directory(const block_stream *stream, uint64_t entry) {
+  return stream->bytes + (entry >> stream->paired) / SEGMENT_SPANS * DIRECTORY_ENTRY_NBYTES;
+}
+
+static inline void stream_prefetch_directory(const block_stream *stream, uint64_t entry) {
+  __builtin_prefetch(stream_directory(stream, entry));
+}
+
+/* Where the entry's segment begins: its head with the low bits, and where the high bits begin. */
+static inline uint64_t stream_prefetch_segment(const block_stream *stream, uint64_t entry) {
+  uint64_t begin = get_u48(stream_directory(stream, entry));
+  uintptr_t at = (uintptr_t)stream->bytes + begin; /* a number: it may lie anywhere */
+  for (int line = 0; line < 3; line++) __builtin_prefetch((const void *)(at + 64 * line));
+  return begin;
+}
+
+#define stream_find_in_segment KERNEL(stream_find_in_segment)
+uint64_t stream_find_in_segment(const block_stream *stream, uint64_t entry, uint64_t begin);
 
 /* ---- Parse: FORMAT.md, "C-Blocks" ---------------------------------------------------------- */
 
@@ -49,16 +62,30 @@ typedef struct {
   bool backwards;
 } bit_reader;
 
-/* At the begin of an entry, where it was found. */
-#define reader_begin KERNEL(reader_begin)
-void reader_begin(bit_reader *reader, const block_stream *blocks, uint64_t entry, uint64_t bit);
+/* Passes over bits, fewer than 8. */
+#define reader_skip KERNEL(reader_skip)
+void reader_skip(bit_reader *reader, unsigned bit_count);
 
-/* Reads the entry's next C-Block, its `number`-th from 0; `first` if it is its place's first, which
- * nothing precedes. False if its bits are no C-Block. Its levels are the state's current ones;
- * those of the block read before stay, unless this one is predicted from it. */
+/* At the begin of an entry, where it was found. At most 8 bytes of what was loaded are still to be
+ * read, and a pair has the directory and its segment's head before it: good blocks never meet these
+ * bounds. No branch on where an entry is in its pair, which nobody foretells. */
+static inline void reader_begin(bit_reader *reader, const block_stream *blocks, uint64_t entry,
+                                uint64_t bit) {
+  bool backwards = blocks->paired & entry;
+  *reader = (bit_reader){.bytes = blocks->bytes,
+                         .next = (int64_t)(bit / 8) - ((int64_t)backwards << 3),
+                         .last = (int64_t)blocks->nbytes - STREAM_PAD_NBYTES + 8,
+                         .backwards = backwards};
+  if (!blocks->paired) reader_skip(reader, bit % 8); /* others are whole bytes */
+}
+
+/* Passes over `passed` C-Blocks and reads the entry's next, its `number`-th from 0; `first` if it
+ * is its place's first, which nothing precedes. False if its bits are no C-Block. Its levels
+ * are the state's; if it is predicted from the block before, they are added to that one's, which
+ * are there. */
 #define block_parse KERNEL(block_parse)
-bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t number, bool first,
-                 entry_state *state);
+bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t passed, uint32_t number,
+                 bool first, entry_state *state);
 
 /* Passes over `count` of them; the DC levels of the last INTRA block go on. */
 #define blocks_pass KERNEL(blocks_pass)
@@ -123,8 +150,8 @@ struct kernel {
   slf_result (*check_stream)(const block_stream *stream, const char *name, slf_error *error);
   uint64_t (*find)(const block_stream *stream, uint64_t entry);
   void (*begin)(bit_reader *reader, const block_stream *blocks, uint64_t entry, uint64_t bit);
-  bool (*parse)(const block_tables *tables, bit_reader *reader, uint32_t number, bool first,
-                entry_state *state);
+  bool (*parse)(const block_tables *tables, bit_reader *reader, uint32_t passed, uint32_t number,
+                bool first, entry_state *state);
   void (*inverse_dct)(float block[COEFFICIENTS]);
   void (*plain_inverse_dct)(float block[COEFFICIENTS]);
   void (*forward_dct)(const float texels[COEFFICIENTS], float coefficients[COEFFICIENTS]);

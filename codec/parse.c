@@ -59,17 +59,9 @@ static inline int32_t take_level(bit_reader *r, unsigned size) {
   return level;
 }
 
-/* At most 8 bytes of what was loaded are still to be read, and a pair has the directory and its
- * segment's head before it: good blocks never meet these bounds. */
-void reader_begin(bit_reader *r, const block_stream *blocks, uint64_t entry, uint64_t bit) {
-  r->bits = r->count = 0;
-  r->backwards = blocks->paired & entry;
-  r->bytes = blocks->bytes;
-  r->next = (int64_t)(bit / 8) - (r->backwards ? 8 : 0);
-  r->last = (int64_t)blocks->nbytes - STREAM_PAD_NBYTES + 8;
-  if (blocks->paired) return; /* whole bytes */
-  refill(r);
-  consume(r, bit % 8);
+void reader_skip(bit_reader *reader, unsigned bit_count) {
+  refill(reader);
+  consume(reader, bit_count);
 }
 
 /* ---- Symbols ------------------------------------------------------------------------------- */
@@ -321,7 +313,7 @@ static inline __attribute__((always_inline)) void add_intra_dc(int16_t intra_dc[
 static inline __attribute__((always_inline)) bool parse_levels(const block_tables *tables,
                                                                int residual, block_head *head,
                                                                bit_reader *r, entry_state *state) {
-  block_levels *block = &state->blocks[state->current];
+  block_levels *block = &state->block;
   block->ac_flags |= head->symbol & 7;
   if (!residual) add_intra_dc(state->intra_dc, head);
 #pragma GCC unroll 3
@@ -341,8 +333,7 @@ static inline __attribute__((always_inline)) bool parse_levels(const block_table
  * takes longer to begin. */
 static inline void begin_levels(entry_state *state) {
   typedef uint64_t wide __attribute__((vector_size(32), aligned(2), may_alias));
-  state->current ^= 1;
-  block_levels *block = &state->blocks[state->current];
+  block_levels *block = &state->block;
   wide *to = (wide *)(void *)block->levels;
 #pragma GCC unroll 15
   for (size_t i = 0; i < sizeof block->levels / sizeof *to; i++) to[i] = (wide){0};
@@ -359,36 +350,6 @@ static inline void reader_update(bit_reader *to, const bit_reader *r) {
   to->bits = r->bits;
   to->count = r->count;
   to->next = r->next;
-}
-
-/* Compiled for each way of reading. */
-static inline __attribute__((always_inline)) bool parse_block(const block_tables *tables,
-                                                              bit_reader *reader, bool backwards,
-                                                              uint32_t number, bool first,
-                                                              entry_state *state) {
-  bit_reader r = reader_copy(reader, backwards);
-  block_head head = {0};
-  bool good = parse_head(tables, &r, &head);
-  predictor how = head.symbol >> 3;
-  if (good && how != PREDICT_PREVIOUS) {
-    begin_levels(state);
-    state->predictor = how;
-    state->anchor = number;
-    state->shift_u = head.shift_u;
-    state->shift_v = head.shift_v;
-  } else if (first || !good) {
-    good = false;
-    begin_levels(state);
-  }
-  good = good && parse_levels(tables, how != PREDICT_INTRA, &head, &r, state);
-  reader_update(reader, &r);
-  return good;
-}
-
-bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t number, bool first,
-                 entry_state *state) {
-  return reader->backwards ? parse_block(tables, reader, true, number, first, state)
-                           : parse_block(tables, reader, false, number, first, state);
 }
 
 /* ---- Passing over -------------------------------------------------------------------------- */
@@ -439,31 +400,69 @@ static inline __attribute__((always_inline)) bool pass_two_steps(const block_tab
 /* AC levels in three channels are at most so many symbols. */
 enum { PASS_MOST_STEPS = 3 * COEFFICIENTS };
 
-static inline __attribute__((always_inline)) bool pass_blocks(const block_tables *tables,
-                                                              bit_reader *reader, bool backwards,
-                                                              int16_t intra_dc[3], uint32_t count) {
-  bit_reader r = reader_copy(reader, backwards);
+static inline __attribute__((always_inline)) bool
+pass_blocks(const block_tables *tables, bit_reader *r, int16_t intra_dc[3], uint32_t count) {
   bool good = true;
   while (count && good) {
     unsigned state = PASS_END, left = PASS_MOST_STEPS;
-    good = pass_head(tables, &r, intra_dc, &count, &state);
+    good = pass_head(tables, r, intra_dc, &count, &state);
     if (state == PASS_END) continue;
     /* Four at once: most blocks have no more, and how many nobody foretells. */
-    good = good && pass_two_steps(tables, &state, &r) && pass_two_steps(tables, &state, &r);
-    while (good && state != PASS_END) good = left-- && pass_two_steps(tables, &state, &r);
+    good = good && pass_two_steps(tables, &state, r) && pass_two_steps(tables, &state, r);
+    while (good && state != PASS_END) good = left-- && pass_two_steps(tables, &state, r);
   }
+  return good;
+}
+
+static inline __attribute__((always_inline)) bool
+pass_either_way(const block_tables *tables, bit_reader *reader, bool backwards, int16_t intra_dc[3],
+                uint32_t count) {
+  bit_reader r = reader_copy(reader, backwards);
+  bool good = pass_blocks(tables, &r, intra_dc, count);
   reader_update(reader, &r);
   return good;
 }
 
 bool blocks_pass(const block_tables *tables, bit_reader *reader, int16_t intra_dc[3],
                  uint32_t count) {
-  return reader->backwards ? pass_blocks(tables, reader, true, intra_dc, count)
-                           : pass_blocks(tables, reader, false, intra_dc, count);
+  return reader->backwards ? pass_either_way(tables, reader, true, intra_dc, count)
+                           : pass_either_way(tables, reader, false, intra_dc, count);
 }
 
 bool block_leans_on_previous(const block_tables *tables, const bit_reader *reader) {
   bit_reader r = reader_copy(reader, reader->backwards);
   block_head head = {0};
   return parse_head(tables, &r, &head) && head.symbol >> 3 == PREDICT_PREVIOUS;
+}
+
+/* ---- Blocks -------------------------------------------------------------------------------- */
+
+/* Compiled for each way of reading. */
+static inline __attribute__((always_inline)) bool parse_block(const block_tables *tables,
+                                                              bit_reader *reader, bool backwards,
+                                                              uint32_t passed, uint32_t number,
+                                                              bool first, entry_state *state) {
+  bit_reader r = reader_copy(reader, backwards);
+  block_head head = {0};
+  bool good = pass_blocks(tables, &r, state->intra_dc, passed) && parse_head(tables, &r, &head);
+  predictor how = head.symbol >> 3;
+  if (good && how != PREDICT_PREVIOUS) {
+    begin_levels(state);
+    state->predictor = how;
+    state->anchor = number;
+    state->shift_u = head.shift_u;
+    state->shift_v = head.shift_v;
+  } else if (first || !good) {
+    good = false;
+    begin_levels(state);
+  }
+  good = good && parse_levels(tables, how != PREDICT_INTRA, &head, &r, state);
+  reader_update(reader, &r);
+  return good;
+}
+
+bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t passed, uint32_t number,
+                 bool first, entry_state *state) {
+  return reader->backwards ? parse_block(tables, reader, true, passed, number, first, state)
+                           : parse_block(tables, reader, false, passed, number, first, state);
 }

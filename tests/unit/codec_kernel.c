@@ -232,7 +232,7 @@ static void kernels_parse_random_bits_alike(void **state) {
     for (uint32_t block = 0; block < 8; block++) {
       bool good[2] = {false};
       for (int k = 0; k < kernel_count; k++)
-        good[k] = kernels[k]->parse(tables, &readers[k], block, block % 4 == 0, &states[k]);
+        good[k] = kernels[k]->parse(tables, &readers[k], 0, block, block % 4 == 0, &states[k]);
       if (kernel_count > 1) {
         assert_int_equal(good[0], good[1]);
         assert_memory_equal(&states[0], &states[1], sizeof states[0]);
