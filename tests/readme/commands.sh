@@ -40,7 +40,7 @@ equal() { # COMMAND
   esac
 }
 # Runs what opens a window, on a display of its own, until it shows, and closes it.
-view() { timeout 100 xvfb-run -a -s "-screen 0 1024x768x24" "$0" inside "$@"; }
+view() { timeout 100 xvfb-run -a -n 150 -s "-screen 0 1024x768x24" "$0" inside "$@"; }
 
 # The scene of one's own, as it stands there, with a room to stand in and smaller numbers.
 awk '/^```/ { on = !on; next } on' README.md | awk '/^#version/ { on = 1 } on' | sed '/^[a-z]* *[a-z]*\//,$d' |

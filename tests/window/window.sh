@@ -7,7 +7,7 @@ if [ "${1:-}" != inside ]; then
   out=build/tap/window; mkdir -p "$out"
   # The size of the screen bounds the window's; 24 bits, as import compares exact colours.
   # A server that starts anew when its last window closes would refuse the next one meanwhile.
-  exec xvfb-run -a -s "-screen 0 1280x1024x24 -noreset" "$0" inside "$out"
+  exec xvfb-run -a -n 130 -s "-screen 0 1280x1024x24 -noreset" "$0" inside "$out"
 fi
 out=$2
 count=0
