@@ -258,10 +258,10 @@ static __attribute__((noinline)) void load_pages(depth_field *field, const int32
 }
 
 /* Where the slice shows texel (x, y) of the light. */
-INLINE reading find(const depth_field *field, const sight *s, f8 x, f8 y) {
+INLINE reading find(const depth_field *field, const sight *s, f8 x, f8 y, bool plain) {
   const depth_pages *p = &field->pages;
   reading r;
-  if (p->wrap_u) {
+  if (!plain && p->wrap_u) {
     f8 round = all((float)p->u_count);
     x = choose(x < all(-0.5f), x + round, choose(x >= round - 0.5f, x - round, x));
   }
@@ -508,14 +508,14 @@ static __attribute__((noinline)) void stand_in(const depth_field *field, const i
 }
 
 /* Slices of those numbers, one for each ray. */
-INLINE sight sight_of(const depth_field *field, const bundle *b, i8 number, f8 weight) {
+INLINE sight sight_of(const depth_field *field, const bundle *b, i8 number, f8 weight, bool plain) {
   sight s = {.dx = (f8)gather(field->slopes, number * 2) - b->qx,
              .dy = (f8)gather(field->slopes, number * 2 + 1) - b->qy,
              .through_x = all(0),
              .through_y = all(0),
              .weight = weight,
              .texel = number * (int32_t)field->pages.slice_texels};
-  if (field->through) {
+  if (!plain && field->through) {
     s.through_x = (f8)gather(field->through, number * 2);
     s.through_y = (f8)gather(field->through, number * 2 + 1);
   }
@@ -524,7 +524,7 @@ INLINE sight sight_of(const depth_field *field, const bundle *b, i8 number, f8 w
 
 /* The same, of two numbers. */
 INLINE sight sight_of_two(const depth_field *field, const bundle *b, int32_t number, int32_t other,
-                          i8 others, f8 weight) {
+                          i8 others, f8 weight, bool plain) {
   const float *one = field->slopes[number], *two = field->slopes[other];
   const int32_t texels = (int32_t)field->pages.slice_texels;
   sight s = {.dx = choose(others, all(two[0]), all(one[0])) - b->qx,
@@ -533,7 +533,7 @@ INLINE sight sight_of_two(const depth_field *field, const bundle *b, int32_t num
              .through_y = all(0),
              .weight = weight,
              .texel = all_int(number * texels) + (others & (other - number) * texels)};
-  if (field->through) {
+  if (!plain && field->through) {
     one = field->through[number], two = field->through[other];
     s.through_x = choose(others, all(two[0]), all(one[0]));
     s.through_y = choose(others, all(two[1]), all(one[1]));
@@ -555,7 +555,7 @@ static void look_around(const depth_field *field, const depth_rays *rays,
   i8 missing = all_int(0);
   for (int c = 0; c < 4; c++) {
     f8 along_s = c & 1 ? f : 1.0f - f, along_t = c & 2 ? g : 1.0f - g;
-    s[c] = sight_of(field, b, slice_of(field, cell, c), along_s * along_t + LEAST_WEIGHT);
+    s[c] = sight_of(field, b, slice_of(field, cell, c), along_s * along_t + LEAST_WEIGHT, false);
     missing |= s[c].dx != s[c].dx;
   }
   if (mask_bits(missing)) stand_in(field, &cell, s, 4);
@@ -590,8 +590,9 @@ INLINE i8 leave_alike(f8 at, f8 right, uint32_t count) {
 /* Where a slice sees, of a flat surface, what lies right_u, right_v from where the ray meets the
  * tangent plane. */
 INLINE reading see_flat(const depth_field *field, const bundle *b, const sight *s, f8 right_u,
-                        f8 right_v) {
-  reading r = find(field, s, b->x + right_u + s->through_x, b->y + right_v + s->through_y);
+                        f8 right_v, bool plain) {
+  if (plain) return find(field, s, b->x + right_u, b->y + right_v, true);
+  reading r = find(field, s, b->x + right_u + s->through_x, b->y + right_v + s->through_y, false);
   if (field->through)
     r.inside &= leave_alike(b->x, right_u, field->pages.u_count) &
                 leave_alike(b->y, right_v, field->pages.v_count);
@@ -655,23 +656,23 @@ static __attribute__((noinline)) reading see_curved(const depth_field *field, co
   }
   f8 there = larger(*expected, all(0));
   *expected = 256.0f * there / (field->unit + there);
-  reading r = find(field, s, x, y);
+  reading r = find(field, s, x, y, false);
   r.inside &= ~moving;
   return r;
 }
 
 /* Where a slice sees what the ray meets at a height, and the code that it should see there. */
 INLINE reading see_from(const depth_field *field, const bundle *b, const sight *s, f8 h, f8 code,
-                        f8 *expected) {
+                        f8 *expected, bool plain) {
   *expected = code;
-  return field->frames ? see_curved(field, b, s, &h, expected)
-                       : see_flat(field, b, s, h * s->dx, h * s->dy);
+  return !plain && field->frames ? see_curved(field, b, s, &h, expected)
+                                 : see_flat(field, b, s, h * s->dx, h * s->dy, plain);
 }
 
 /* What a slice sees there, less what it should. */
 INLINE f8 look_from(depth_field *field, const bundle *b, const sight *s, f8 code, reading *at) {
   f8 expected;
-  *at = see_from(field, b, s, height_of(field, code), code, &expected);
+  *at = see_from(field, b, s, height_of(field, code), code, &expected, false);
   return look(field, at) - expected;
 }
 
@@ -823,7 +824,7 @@ static void mix_four_tap(depth_field *field, depth_rays *rays, const depth_guess
   if (field->through)
     b.x += pick(rays->through_x, guess->texels), b.y += pick(rays->through_y, guess->texels);
   for (int k = 0; k < 4; k++) {
-    v.at[k] = find(field, &s[k], b.x, b.y);
+    v.at[k] = find(field, &s[k], b.x, b.y, false);
     v.weight[k] = s[k].weight;
     v.agreed += v.weight[k];
   }
@@ -844,7 +845,7 @@ static f8 follow(depth_field *field, const bundle *b, const sight *s) {
   i8 going = ((float)MAX_STEPS * step >= LEAST_REACH * field->unit) & (s->weight >= LEAST_WITNESS);
   i8 hidden = all_int(0); /* steps since it was in the open */
   for (int i = 0; i < MAX_STEPS && mask_bits(going); i++) {
-    reading at = see_flat(field, b, s, h * s->dx, h * s->dy);
+    reading at = see_flat(field, b, s, h * s->dx, h * s->dy, false);
     f8 code = look(field, &at), seen = height_of(field, code), open = seen - h;
     i8 hit =
         (open <= all(0)) & (last_open > all(0)) & (magnitude(code - last_code) <= all(EDGE_CODES));
@@ -960,7 +961,7 @@ static void open_fan(const depth_field *field, const depth_rays *rays, uint32_t 
   for (int g = 0; g < a->group_count; g++) {
     i8 number;
     memcpy(&number, numbers + LANES * g, sizeof number);
-    a->s[g] = sight_of(field, &a->b, number, load(weights + LANES * g));
+    a->s[g] = sight_of(field, &a->b, number, load(weights + LANES * g), false);
   }
 }
 
@@ -1045,18 +1046,18 @@ static bool seek_alone(depth_field *field, depth_rays *rays, uint32_t texel, int
 /* The rays of a row, and the three slices at the corners of the half of its cell that each lies in:
  * three are read in three quarters of the time of four, and go over into each other as smoothly. */
 INLINE void look_along(const depth_field *field, const depth_rays *rays, int row, bundle *b,
-                       sight s[3]) {
+                       sight s[3], bool plain) {
   const i8 columns = {0, 1, 2, 3, 4, 5, 6, 7};
   const int32_t column = (int32_t)(field->pages.t_count + 1);
   i8 cell, missing;
   b->x = rays->x + field->texel_u * to_float(columns);
   b->y = all(rays->y + field->texel_v * (float)row);
   b->qx = load(rays->qx + 8 * row), b->qy = load(rays->qy + 8 * row);
-  if (field->through)
+  if (!plain && field->through)
     b->x -= load(rays->through_x + 8 * row), b->y -= load(rays->through_y + 8 * row);
   f8 f = load(rays->f + 8 * row), g = load(rays->g + 8 * row), left = 1.0f - f - g;
   memcpy(&cell, rays->cell + 8 * row, sizeof cell);
-  if (field->frames) frames_at(field, &b->x, &b->y, &b->at);
+  if (!plain && field->frames) frames_at(field, &b->x, &b->y, &b->at);
   i8 beyond = left < all(0);
   f8 along_s = choose(beyond, 1.0f - g, f) + LEAST_WEIGHT;
   f8 along_t = choose(beyond, 1.0f - f, g) + LEAST_WEIGHT;
@@ -1064,25 +1065,37 @@ INLINE void look_along(const depth_field *field, const depth_rays *rays, int row
   const int32_t first = cell[0];
   if (!mask_bits(cell != all_int(first))) {
     const i8 none = all_int(0);
-    s[0] = sight_of_two(field, b, first + column, first + column, none, along_s);
-    s[1] = sight_of_two(field, b, first + 1, first + 1, none, along_t);
-    s[2] = sight_of_two(field, b, first, first + column + 1, beyond, corner);
+    s[0] = sight_of_two(field, b, first + column, first + column, none, along_s, plain);
+    s[1] = sight_of_two(field, b, first + 1, first + 1, none, along_t, plain);
+    s[2] = sight_of_two(field, b, first, first + column + 1, beyond, corner, plain);
   } else {
-    s[0] = sight_of(field, b, cell + column, along_s);
-    s[1] = sight_of(field, b, cell + 1, along_t);
-    s[2] = sight_of(field, b, cell + (beyond & (column + 1)), corner);
+    s[0] = sight_of(field, b, cell + column, along_s, plain);
+    s[1] = sight_of(field, b, cell + 1, along_t, plain);
+    s[2] = sight_of(field, b, cell + (beyond & (column + 1)), corner, plain);
   }
   missing = (s[0].dx != s[0].dx) | (s[1].dx != s[1].dx) | (s[2].dx != s[2].dx);
   if (mask_bits(missing)) stand_in(field, &cell, s, 3);
 }
 
+/* Where the texels of a row are looked for: what is read for each from the three slices that its
+ * direction lies between. */
+typedef struct {
+  int row;
+  unsigned lanes; /* that count */
+  float codes[LANES], wanted[LANES];
+  int32_t texel[3][LANES];                      /* where the four texels begin */
+  int32_t upper[3][LANES], lower_two[3][LANES]; /* their weights, two in one number */
+  float weight[3][LANES];                       /* of the slices, 0 beyond the surface */
+  float expected[3][LANES];                     /* code that each should see */
+} depth_aim;
+
 INLINE void aim_at(const depth_field *field, const bundle *b, const sight s[3], f8 code,
-                   depth_aim *a) {
+                   depth_aim *a, bool plain) {
   f8 height = height_of(field, code);
   for (int k = 0; k < 3; k++) {
     f8 expected;
     i8 upper, lower_two;
-    reading r = see_from(field, b, &s[k], height, code, &expected);
+    reading r = see_from(field, b, &s[k], height, code, &expected, plain);
     weights_of(&r, &upper, &lower_two);
     memcpy(a->upper[k], &upper, sizeof upper);
     memcpy(a->lower_two[k], &lower_two, sizeof lower_two);
@@ -1102,8 +1115,8 @@ INLINE i8 lanes_of(unsigned bits) {
   return (all_int((int32_t)bits) & lanes) == lanes;
 }
 
-static void aim(const depth_field *field, const depth_rays *rays, const depth_memory *last, int row,
-                unsigned lanes, depth_aim *a) {
+INLINE void aim(const depth_field *field, const depth_rays *rays, const depth_memory *last, int row,
+                unsigned lanes, depth_aim *a, bool plain) {
   bundle b;
   sight s[3];
   f8 code = to_float(load_u16(last->code + 8 * row)) * (1.0f / 256);
@@ -1111,8 +1124,8 @@ static void aim(const depth_field *field, const depth_rays *rays, const depth_me
   a->row = row, a->lanes = lanes;
   store(a->codes, code);
   store(a->wanted, smaller(larger(score - SCORE_SLACK, all(LEAST_NEAR)), all(ALL_AGREE)));
-  look_along(field, rays, row, &b, s);
-  aim_at(field, &b, s, code, a);
+  look_along(field, rays, row, &b, s, plain);
+  aim_at(field, &b, s, code, a, plain);
 }
 
 /* What the three slices show where they should see a height. */
@@ -1141,7 +1154,7 @@ INLINE void read_aimed(depth_field *field, const depth_aim *a, f8 code, view *v)
   v->moved /= sum;
 }
 
-static unsigned mix_aimed(depth_field *field, depth_rays *rays, depth_aim *a) {
+INLINE unsigned mix_aimed(depth_field *field, depth_rays *rays, depth_aim *a, bool plain) {
   enum { PASSES = 3 };
   view v;
   f8 code = load(a->codes);
@@ -1151,8 +1164,8 @@ static unsigned mix_aimed(depth_field *field, depth_rays *rays, depth_aim *a) {
     sight s[3];
     if (!(mask_bits(magnitude(v.moved) > MOVED_SHARE * tolerance(code)) & a->lanes)) break;
     code = smaller(larger(code + v.moved, all(0)), all(255));
-    look_along(field, rays, a->row, &b, s);
-    aim_at(field, &b, s, code, a);
+    look_along(field, rays, a->row, &b, s, plain);
+    aim_at(field, &b, s, code, a, plain);
     read_aimed(field, a, code, &v);
   }
   f8 scale = 1.0f / tolerance(code), score = all(0), agreed = all(1e-6f);
@@ -1181,6 +1194,26 @@ static unsigned mix_aimed(depth_field *field, depth_rays *rays, depth_aim *a) {
   store(codes, choose(mixed, code, load(codes)));
   store(scores, choose(mixed, larger(score, wanted + SCORE_SLACK), load(scores)));
   return mask;
+}
+
+INLINE uint64_t mix_rows(depth_field *field, depth_rays *rays, const depth_memory *last,
+                         uint64_t steady, bool plain) {
+  depth_aim aims[8];
+  int count = 0;
+  uint64_t mixed = 0;
+  for (int row = 0; row < 8; row++) {
+    const unsigned lanes = steady >> 8 * row & 0xff;
+    if (lanes) aim(field, rays, last, row, lanes, &aims[count++], plain);
+  }
+  for (int i = 0; i < count; i++)
+    mixed |= (uint64_t)mix_aimed(field, rays, &aims[i], plain) << 8 * aims[i].row;
+  return mixed;
+}
+
+static uint64_t mix_steady(depth_field *field, depth_rays *rays, const depth_memory *last,
+                           uint64_t steady) {
+  return field->frames || field->through ? mix_rows(field, rays, last, steady, false)
+                                         : mix_rows(field, rays, last, steady, true);
 }
 
 /* ---- From frame to frame ------------------------------------------------------------------------
@@ -1236,5 +1269,5 @@ static void put(const depth_rays *rays, uint16_t *out, size_t row_nbytes) {
   }
 }
 
-const depth_kernel KERNEL = {place,    find_steady, mix,       mix_four_tap, seek, seek_alone,
-                             mix_wide, aim,         mix_aimed, remember,     put};
+const depth_kernel KERNEL = {place,      find_steady, mix,        mix_four_tap, seek,
+                             seek_alone, mix_wide,    mix_steady, remember,     put};

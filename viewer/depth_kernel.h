@@ -64,18 +64,6 @@ typedef struct {
   float codes[LANES], wanted[LANES];
 } depth_guess;
 
-/* Where the texels of a row are looked for: what is read for each from the three slices that its
- * direction lies between. */
-typedef struct {
-  int row;
-  unsigned lanes; /* that count */
-  float codes[LANES], wanted[LANES];
-  int32_t texel[3][LANES];                      /* where the four texels begin */
-  int32_t upper[3][LANES], lower_two[3][LANES]; /* their weights, two in one number */
-  float weight[3][LANES];                       /* of the slices, 0 beyond the surface */
-  float expected[3][LANES];                     /* code that each should see */
-} depth_aim;
-
 typedef struct {
   /* The rays of block (block_u, block_v) for its directions. */
   void (*place)(const depth_field *field, uint32_t block_u, uint32_t block_v,
@@ -97,11 +85,10 @@ typedef struct {
   bool (*seek_alone)(depth_field *field, depth_rays *rays, uint32_t texel, int reach, float wanted);
   /* With the sixteen slices around, at the height given, if that has the score. */
   bool (*mix_wide)(depth_field *field, depth_rays *rays, uint32_t texel, float code, float wanted);
-  /* As mix in two steps, so that what is read can come from afar in between: the quicker way,
-   * which knows no edges. Lanes of a row in a mask; mix_aimed returns what it mixed. */
-  void (*aim)(const depth_field *field, const depth_rays *rays, const depth_memory *last, int row,
-              unsigned lanes, depth_aim *aim);
-  unsigned (*mix_aimed)(depth_field *field, depth_rays *rays, depth_aim *aim);
+  /* Mixes texels near the heights where they were, without regard to edges; returns those that it
+   * could. All that they need is asked for before any of it is read. */
+  uint64_t (*mix_steady)(depth_field *field, depth_rays *rays, const depth_memory *last,
+                         uint64_t texels);
   /* Keeps what was found for the texels of the mask. */
   void (*remember)(const depth_rays *rays, const uint8_t kinds[64], uint64_t mask,
                    depth_memory *now);

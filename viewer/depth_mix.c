@@ -193,22 +193,6 @@ static uint64_t find_kind(const uint8_t kinds[64], uint8_t kind) {
   return found;
 }
 
-/* Mixes texels near the heights where they were; returns those that it could. All that they need is
- * asked for before any of it is read. */
-static uint64_t mix_steady(depth_mixer *m, depth_rays *rays, const depth_memory *last,
-                           uint64_t steady) {
-  depth_aim aims[8];
-  int count = 0;
-  uint64_t mixed = 0;
-  for (int row = 0; row < 8; row++) {
-    const unsigned lanes = steady >> 8 * row & 0xff;
-    if (lanes) m->kernel->aim(&m->field, rays, last, row, lanes, &aims[count++]);
-  }
-  for (int i = 0; i < count; i++)
-    mixed |= (uint64_t)m->kernel->mix_aimed(&m->field, rays, &aims[i]) << 8 * aims[i].row;
-  return mixed;
-}
-
 static void mix_four_tap(depth_mixer *m, depth_rays *rays, uint64_t texels, uint8_t kinds[64]) {
   while (texels) {
     depth_guess g = {.count = 0};
@@ -300,7 +284,7 @@ static bool mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
   use_slices(&m->field.pages, &rays);
   uint64_t foretold =
       mix_guessed(m, &rays, beside_lower & directions->mask, &last, GUESS_LOWER, GUESS_AGAIN);
-  foretold |= mix_steady(m, &rays, &last, steady & ~foretold);
+  foretold |= m->kernel->mix_steady(&m->field, &rays, &last, steady & ~foretold);
   if (m->field.missed) return false;
   if (directions->mask & ~foretold)
     foretold |= mix_rest(m, &rays, directions->mask & ~foretold, &last, p, kinds);
