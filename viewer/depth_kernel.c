@@ -1,5 +1,6 @@
-/* Compiled twice: for any processor, and, with -mavx2 -mf16c, for those that have that. The vectors
- * are the compiler's own, so that both do the same operations in the same order. */
+/* Compiled four times: for any processor, and, with -mavx2 -mf16c, for those that have that; and
+ * each of them for any surface, and, with -DFLAT=1, for flat mirrors. The vectors are the
+ * compiler's own, so that both processors do the same operations in the same order. */
 #include "depth_kernel.h"
 
 #include <math.h>
@@ -7,9 +8,18 @@
 
 #include "half.h"
 
+#if !defined(FLAT)
+#define FLAT 0
+#endif
 #if defined(__AVX2__)
 #include <immintrin.h>
+#endif
+#if defined(__AVX2__) && FLAT
+#define KERNEL depth_kernel_avx2_flat
+#elif defined(__AVX2__)
 #define KERNEL depth_kernel_avx2
+#elif FLAT
+#define KERNEL depth_kernel_plain_flat
 #else
 #define KERNEL depth_kernel_plain
 #endif
@@ -111,7 +121,8 @@ INLINE void load_pairs(const uint8_t *bytes, const int32_t texel[LANES], __m256i
   __m128 halves[4];
   for (int i = 0; i < 4; i++) {
     const int l = 2 * (i & 1) + 4 * (i >> 1);
-    const uint8_t *first = bytes + 4 * (size_t)texel[l], *next = bytes + 4 * (size_t)texel[l + 1];
+    const uint8_t *first = bytes + 4 * (size_t)(uint32_t)texel[l];
+    const uint8_t *next = bytes + 4 * (size_t)(uint32_t)texel[l + 1];
     halves[i] = _mm_castsi128_ps(_mm_loadl_epi64((const __m128i *)(const void *)first));
     halves[i] = _mm_loadh_pi(halves[i], (const __m64 *)(const void *)next);
   }
@@ -250,6 +261,14 @@ typedef struct {
   i8 inside;
 } reading;
 
+INLINE bool is_curved(const depth_field *field) {
+  return !FLAT && field->frames;
+}
+
+INLINE bool has_slab(const depth_field *field) {
+  return !FLAT && field->through;
+}
+
 static __attribute__((noinline)) void load_pages(depth_field *field, const int32_t texel[LANES],
                                                  unsigned lanes) {
   field->missed |= field->shared;
@@ -258,10 +277,10 @@ static __attribute__((noinline)) void load_pages(depth_field *field, const int32
 }
 
 /* Where the slice shows texel (x, y) of the light. */
-INLINE reading find(const depth_field *field, const sight *s, f8 x, f8 y, bool plain) {
+INLINE reading find(const depth_field *field, const sight *s, f8 x, f8 y) {
   const depth_pages *p = &field->pages;
   reading r;
-  if (!plain && p->wrap_u) {
+  if (!FLAT && p->wrap_u) {
     f8 round = all((float)p->u_count);
     x = choose(x < all(-0.5f), x + round, choose(x >= round - 0.5f, x - round, x));
   }
@@ -283,6 +302,14 @@ INLINE void weights_of(const reading *r, i8 *upper, i8 *lower_two) {
   *upper = across * SPLIT - *lower_two;
 }
 
+/* As load_codes, of pages that are brought in; by itself, so that what it needs costs nothing where
+ * all pages are there. */
+static __attribute__((noinline)) void
+load_codes_anew(depth_field *field, const int32_t texel[LANES], i8 *left, i8 *right) {
+  load_pages(field, texel, (1u << LANES) - 1);
+  load_codes(field->pages.bytes, texel, left, right);
+}
+
 /* The code of the height that is seen there. */
 INLINE f8 look(depth_field *field, const reading *r) {
   int32_t texel[LANES];
@@ -291,8 +318,9 @@ INLINE f8 look(depth_field *field, const reading *r) {
   memcpy(texel, &r->texel, sizeof texel);
   load_codes(bytes, texel, &a, &b);
   if (__builtin_expect(mask_bits(a == 0) != 0, 0)) {
-    load_pages(field, texel, (1u << LANES) - 1);
-    load_codes(bytes, texel, &a, &b);
+    i8 left, right;
+    load_codes_anew(field, texel, &left, &right);
+    a = left, b = right;
   }
   load_codes(bytes + 4 * PAGE_ROW_TEXELS, texel, &c, &d);
   i8 range = higher(higher(a, b), higher(c, d)) - lower(lower(a, b), lower(c, d));
@@ -397,7 +425,7 @@ static void place(const depth_field *field, uint32_t block_u, uint32_t block_v,
     f8 slope = 1.0f / root(1.0f - s * s - t * t);
     store(rays->qx + row, (scale[0] * s + scale[1] * t) * slope);
     store(rays->qy + row, (scale[2] * s + scale[3] * t) * slope);
-    if (field->through) {
+    if (has_slab(field)) {
       const slf_slab *slab = &field->slab;
       f8 inside = slab->thickness / root(slab->ior * slab->ior - s * s - t * t);
       store(rays->through_x + row, (scale[0] * s + scale[1] * t) * inside);
@@ -459,7 +487,7 @@ static __attribute__((noinline)) void frames_at(const depth_field *field, const 
   const depth_pages *p = &field->pages;
   int32_t texel[LANES];
   f8 u = *x + 0.5f, v = *y + 0.5f;
-  if (p->wrap_u) {
+  if (!FLAT && p->wrap_u) {
     f8 round = all((float)p->u_count);
     u = choose(u < all(0), u + round, choose(u >= round, u - round, u));
   }
@@ -508,14 +536,14 @@ static __attribute__((noinline)) void stand_in(const depth_field *field, const i
 }
 
 /* Slices of those numbers, one for each ray. */
-INLINE sight sight_of(const depth_field *field, const bundle *b, i8 number, f8 weight, bool plain) {
+INLINE sight sight_of(const depth_field *field, const bundle *b, i8 number, f8 weight) {
   sight s = {.dx = (f8)gather(field->slopes, number * 2) - b->qx,
              .dy = (f8)gather(field->slopes, number * 2 + 1) - b->qy,
              .through_x = all(0),
              .through_y = all(0),
              .weight = weight,
              .texel = number * (int32_t)field->pages.slice_texels};
-  if (!plain && field->through) {
+  if (has_slab(field)) {
     s.through_x = (f8)gather(field->through, number * 2);
     s.through_y = (f8)gather(field->through, number * 2 + 1);
   }
@@ -524,7 +552,7 @@ INLINE sight sight_of(const depth_field *field, const bundle *b, i8 number, f8 w
 
 /* The same, of two numbers. */
 INLINE sight sight_of_two(const depth_field *field, const bundle *b, int32_t number, int32_t other,
-                          i8 others, f8 weight, bool plain) {
+                          i8 others, f8 weight) {
   const float *one = field->slopes[number], *two = field->slopes[other];
   const int32_t texels = (int32_t)field->pages.slice_texels;
   sight s = {.dx = choose(others, all(two[0]), all(one[0])) - b->qx,
@@ -533,7 +561,7 @@ INLINE sight sight_of_two(const depth_field *field, const bundle *b, int32_t num
              .through_y = all(0),
              .weight = weight,
              .texel = all_int(number * texels) + (others & (other - number) * texels)};
-  if (!plain && field->through) {
+  if (has_slab(field)) {
     one = field->through[number], two = field->through[other];
     s.through_x = choose(others, all(two[0]), all(one[0]));
     s.through_y = choose(others, all(two[1]), all(one[1]));
@@ -549,13 +577,13 @@ static void look_around(const depth_field *field, const depth_rays *rays,
   b->y = rays->y + field->texel_v * to_float(k >> 3);
   b->qx = pick(rays->qx, texels), b->qy = pick(rays->qy, texels);
   f8 f = pick(rays->f, texels), g = pick(rays->g, texels);
-  if (field->through) b->x -= pick(rays->through_x, texels), b->y -= pick(rays->through_y, texels);
+  if (has_slab(field)) b->x -= pick(rays->through_x, texels), b->y -= pick(rays->through_y, texels);
   for (int l = 0; l < LANES; l++) cell[l] = rays->cell[texels[l]];
-  if (field->frames) frames_at(field, &b->x, &b->y, &b->at);
+  if (is_curved(field)) frames_at(field, &b->x, &b->y, &b->at);
   i8 missing = all_int(0);
   for (int c = 0; c < 4; c++) {
     f8 along_s = c & 1 ? f : 1.0f - f, along_t = c & 2 ? g : 1.0f - g;
-    s[c] = sight_of(field, b, slice_of(field, cell, c), along_s * along_t + LEAST_WEIGHT, false);
+    s[c] = sight_of(field, b, slice_of(field, cell, c), along_s * along_t + LEAST_WEIGHT);
     missing |= s[c].dx != s[c].dx;
   }
   if (mask_bits(missing)) stand_in(field, &cell, s, 4);
@@ -590,12 +618,11 @@ INLINE i8 leave_alike(f8 at, f8 right, uint32_t count) {
 /* Where a slice sees, of a flat surface, what lies right_u, right_v from where the ray meets the
  * tangent plane. */
 INLINE reading see_flat(const depth_field *field, const bundle *b, const sight *s, f8 right_u,
-                        f8 right_v, bool plain) {
-  if (plain) return find(field, s, b->x + right_u, b->y + right_v, true);
-  reading r = find(field, s, b->x + right_u + s->through_x, b->y + right_v + s->through_y, false);
-  if (field->through)
-    r.inside &= leave_alike(b->x, right_u, field->pages.u_count) &
-                leave_alike(b->y, right_v, field->pages.v_count);
+                        f8 right_v) {
+  if (!has_slab(field)) return find(field, s, b->x + right_u, b->y + right_v);
+  reading r = find(field, s, b->x + right_u + s->through_x, b->y + right_v + s->through_y);
+  r.inside &= leave_alike(b->x, right_u, field->pages.u_count) &
+              leave_alike(b->y, right_v, field->pages.v_count);
   return r;
 }
 
@@ -656,23 +683,23 @@ static __attribute__((noinline)) reading see_curved(const depth_field *field, co
   }
   f8 there = larger(*expected, all(0));
   *expected = 256.0f * there / (field->unit + there);
-  reading r = find(field, s, x, y, false);
+  reading r = find(field, s, x, y);
   r.inside &= ~moving;
   return r;
 }
 
 /* Where a slice sees what the ray meets at a height, and the code that it should see there. */
 INLINE reading see_from(const depth_field *field, const bundle *b, const sight *s, f8 h, f8 code,
-                        f8 *expected, bool plain) {
+                        f8 *expected) {
   *expected = code;
-  return !plain && field->frames ? see_curved(field, b, s, &h, expected)
-                                 : see_flat(field, b, s, h * s->dx, h * s->dy, plain);
+  return is_curved(field) ? see_curved(field, b, s, &h, expected)
+                          : see_flat(field, b, s, h * s->dx, h * s->dy);
 }
 
 /* What a slice sees there, less what it should. */
 INLINE f8 look_from(depth_field *field, const bundle *b, const sight *s, f8 code, reading *at) {
   f8 expected;
-  *at = see_from(field, b, s, height_of(field, code), code, &expected, false);
+  *at = see_from(field, b, s, height_of(field, code), code, &expected);
   return look(field, at) - expected;
 }
 
@@ -724,14 +751,22 @@ static void take(verdict *a, const verdict *b, const i8 *mask) {
 /* ---- Mixing ------------------------------------------------------------------------------------
  */
 
+static __attribute__((noinline)) void weigh_anew(depth_field *field, const int32_t texel[LANES],
+                                                 const i8 *upper, const i8 *lower_two,
+                                                 unsigned lanes, i8 sums[4]) {
+  load_pages(field, texel, lanes);
+  weigh(field->pages.bytes, texel, *upper, *lower_two, sums);
+}
+
 /* weigh, of pages that are brought in where lanes miss them. */
 INLINE void weigh_there(depth_field *field, const int32_t texel[LANES], i8 upper, i8 lower_two,
                         unsigned lanes, i8 sums[4]) {
   weigh(field->pages.bytes, texel, upper, lower_two, sums);
   const unsigned missing = mask_bits(sums[3] == 0) & lanes;
   if (__builtin_expect(missing != 0, 0)) {
-    load_pages(field, texel, missing);
-    weigh(field->pages.bytes, texel, upper, lower_two, sums);
+    i8 u = upper, l = lower_two, anew[4];
+    weigh_anew(field, texel, &u, &l, missing, anew);
+    memcpy(sums, anew, sizeof anew);
   }
 }
 
@@ -821,10 +856,10 @@ static void mix_four_tap(depth_field *field, depth_rays *rays, const depth_guess
   sight s[4];
   verdict v = {.code = all(0), .score = all(0), .agreed = all(0)};
   look_around(field, rays, guess->texels, &b, s);
-  if (field->through)
+  if (has_slab(field))
     b.x += pick(rays->through_x, guess->texels), b.y += pick(rays->through_y, guess->texels);
   for (int k = 0; k < 4; k++) {
-    v.at[k] = find(field, &s[k], b.x, b.y, false);
+    v.at[k] = find(field, &s[k], b.x, b.y);
     v.weight[k] = s[k].weight;
     v.agreed += v.weight[k];
   }
@@ -845,7 +880,7 @@ static f8 follow(depth_field *field, const bundle *b, const sight *s) {
   i8 going = ((float)MAX_STEPS * step >= LEAST_REACH * field->unit) & (s->weight >= LEAST_WITNESS);
   i8 hidden = all_int(0); /* steps since it was in the open */
   for (int i = 0; i < MAX_STEPS && mask_bits(going); i++) {
-    reading at = see_flat(field, b, s, h * s->dx, h * s->dy, false);
+    reading at = see_flat(field, b, s, h * s->dx, h * s->dy);
     f8 code = look(field, &at), seen = height_of(field, code), open = seen - h;
     i8 hit =
         (open <= all(0)) & (last_open > all(0)) & (magnitude(code - last_code) <= all(EDGE_CODES));
@@ -880,7 +915,7 @@ static f8 follow_curved(depth_field *field, const bundle *b, const sight *s) {
 }
 
 INLINE f8 follow_any(depth_field *field, const bundle *b, const sight *s) {
-  return field->frames ? follow_curved(field, b, s) : follow(field, b, s);
+  return is_curved(field) ? follow_curved(field, b, s) : follow(field, b, s);
 }
 
 /* The lowest height that the slices see a thing at, by a share of what the best is judged, which is
@@ -925,43 +960,45 @@ typedef struct {
   float moved; /* as in view */
 } fan;
 
-/* Where they lie in the cells of (S,T): the four around, the corners of sixteen, and the others. */
-static const int8_t fan_places[MOST_SIGHTS][2] = {
-    {0, 0},  {1, 0},  {0, 1},  {1, 1}, {-1, -1}, {2, -1}, {-1, 2}, {2, 2},
-    {0, -1}, {1, -1}, {-1, 0}, {2, 0}, {-1, 1},  {2, 1},  {0, 2},  {1, 2}};
+/* Where they lie in the cells of (S,T), along S and along T, and how much narrower than two cells
+ * their tents are: the four around, the corners of sixteen, and the others. */
+static const f8 fan_places[MOST_SIGHTS / LANES][3] = {
+    {{0, 1, 0, 1, -1, 2, -1, 2}, {0, 0, 1, 1, -1, -1, 2, 2}, {1, 1, 1, 1, 0.5f, 0.5f, 0.5f, 0.5f}},
+    {{0, 1, -1, 2, -1, 2, 0, 1},
+     {-1, -1, 0, 0, 1, 1, 2, 2},
+     {0.5f, 0.5f, 0.5f, 0.5f, 0.5f, 0.5f, 0.5f, 0.5f}}};
 
 /* The slices within `reach` of the ray, the four around weighed as they are, those beyond by a tent
  * twice as wide. One that exists stands in for those that do not, and counts for nothing. */
 static void open_fan(const depth_field *field, const depth_rays *rays, uint32_t texel, int reach,
                      fan *a) {
-  const int s_count = (int)field->pages.s_count, t_count = (int)field->pages.t_count;
-  const int i0 = rays->cell[texel] / (t_count + 1), j0 = rays->cell[texel] % (t_count + 1);
-  const int count = reach == 1 ? 4 : MOST_SIGHTS;
-  int32_t numbers[MOST_SIGHTS], any = 0;
-  float weights[MOST_SIGHTS] = {0};
-  for (int l = 0; l < count; l++) {
-    const int i = i0 + fan_places[l][0], j = j0 + fan_places[l][1];
-    const float wide = l < 4 ? 1 : 0.5f;
-    numbers[l] = i * (t_count + 1) + j;
-    if (i < 0 || j < 0 || i >= s_count || j >= t_count || isnan(field->slopes[numbers[l]][0]))
-      continue;
-    any = numbers[l];
-    weights[l] = fmaxf(1 - wide * fabsf((float)fan_places[l][0] - rays->f[texel]), 0) *
-                     fmaxf(1 - wide * fabsf((float)fan_places[l][1] - rays->g[texel]), 0) * wide +
-                 LEAST_WEIGHT;
-  }
-  for (int l = 0; l < MOST_SIGHTS; l++)
-    if (weights[l] == 0) numbers[l] = any;
-  a->group_count = (count + LANES - 1) / LANES;
+  const int32_t s_count = (int32_t)field->pages.s_count, t_count = (int32_t)field->pages.t_count;
+  const int32_t cell = rays->cell[texel], i0 = cell / (t_count + 1), j0 = cell % (t_count + 1);
+  i8 number[MOST_SIGHTS / LANES], exists[MOST_SIGHTS / LANES];
+  int32_t any = 0;
+  a->group_count = reach == 1 ? 1 : MOST_SIGHTS / LANES;
   a->b.x = all(rays->x + field->texel_u * (float)(texel % 8));
   a->b.y = all(rays->y + field->texel_v * (float)(texel / 8));
   a->b.qx = all(rays->qx[texel]), a->b.qy = all(rays->qy[texel]);
-  if (field->through) a->b.x -= rays->through_x[texel], a->b.y -= rays->through_y[texel];
-  if (field->frames) frames_at(field, &a->b.x, &a->b.y, &a->b.at);
+  if (has_slab(field)) a->b.x -= rays->through_x[texel], a->b.y -= rays->through_y[texel];
+  if (is_curved(field)) frames_at(field, &a->b.x, &a->b.y, &a->b.at);
   for (int g = 0; g < a->group_count; g++) {
-    i8 number;
-    memcpy(&number, numbers + LANES * g, sizeof number);
-    a->s[g] = sight_of(field, &a->b, number, load(weights + LANES * g), false);
+    const f8 *at = fan_places[g];
+    i8 i = i0 + to_int(at[0]), j = j0 + to_int(at[1]);
+    exists[g] = (i >= 0) & (j >= 0) & (i < s_count) & (j < t_count);
+    if (reach == 1) exists[g] &= at[2] == all(1);
+    number[g] = (i * (t_count + 1) + j) & exists[g];
+    f8 slope = (f8)gather(field->slopes, number[g] * 2);
+    exists[g] &= slope == slope;
+    const unsigned some = mask_bits(exists[g]);
+    if (some) any = number[g][__builtin_ctz(some)];
+  }
+  for (int g = 0; g < a->group_count; g++) {
+    const f8 *at = fan_places[g], narrow = at[2];
+    f8 along_s = larger(1.0f - narrow * magnitude(at[0] - rays->f[texel]), all(0));
+    f8 along_t = larger(1.0f - narrow * magnitude(at[1] - rays->g[texel]), all(0));
+    f8 weight = choose(exists[g], along_s * along_t * narrow + LEAST_WEIGHT, all(0));
+    a->s[g] = sight_of(field, &a->b, (number[g] & exists[g]) | (any & ~exists[g]), weight);
   }
 }
 
@@ -1004,7 +1041,8 @@ static bool mix_wide(depth_field *field, depth_rays *rays, uint32_t texel, float
   open_fan(field, rays, texel, 2, &a);
   float score = judge_fan(field, &a, code);
   if (fabsf(a.moved) > MOVED_SHARE * tolerance(all(code))[0]) {
-    code = fminf(fmaxf(code + a.moved, 0), 255);
+    code += a.moved;
+    code = code < 0 ? 0 : code > 255 ? 255 : code;
     score = judge_fan(field, &a, code);
   }
   return score > wanted && mix_fan(field, &a, rays, texel, code, score);
@@ -1031,7 +1069,8 @@ static bool seek_alone(depth_field *field, depth_rays *rays, uint32_t texel, int
     if (known) continue;
     codes[count] = heights[l];
     scores[count] = judge_fan(field, &a, heights[l]);
-    best = fmaxf(best, scores[count++]);
+    if (scores[count] > best) best = scores[count];
+    count++;
   }
   if (!(best >= wanted)) return false;
   for (int i = 0; i < count; i++)
@@ -1046,18 +1085,18 @@ static bool seek_alone(depth_field *field, depth_rays *rays, uint32_t texel, int
 /* The rays of a row, and the three slices at the corners of the half of its cell that each lies in:
  * three are read in three quarters of the time of four, and go over into each other as smoothly. */
 INLINE void look_along(const depth_field *field, const depth_rays *rays, int row, bundle *b,
-                       sight s[3], bool plain) {
+                       sight s[3]) {
   const i8 columns = {0, 1, 2, 3, 4, 5, 6, 7};
   const int32_t column = (int32_t)(field->pages.t_count + 1);
   i8 cell, missing;
   b->x = rays->x + field->texel_u * to_float(columns);
   b->y = all(rays->y + field->texel_v * (float)row);
   b->qx = load(rays->qx + 8 * row), b->qy = load(rays->qy + 8 * row);
-  if (!plain && field->through)
+  if (has_slab(field))
     b->x -= load(rays->through_x + 8 * row), b->y -= load(rays->through_y + 8 * row);
   f8 f = load(rays->f + 8 * row), g = load(rays->g + 8 * row), left = 1.0f - f - g;
   memcpy(&cell, rays->cell + 8 * row, sizeof cell);
-  if (!plain && field->frames) frames_at(field, &b->x, &b->y, &b->at);
+  if (is_curved(field)) frames_at(field, &b->x, &b->y, &b->at);
   i8 beyond = left < all(0);
   f8 along_s = choose(beyond, 1.0f - g, f) + LEAST_WEIGHT;
   f8 along_t = choose(beyond, 1.0f - f, g) + LEAST_WEIGHT;
@@ -1065,13 +1104,13 @@ INLINE void look_along(const depth_field *field, const depth_rays *rays, int row
   const int32_t first = cell[0];
   if (!mask_bits(cell != all_int(first))) {
     const i8 none = all_int(0);
-    s[0] = sight_of_two(field, b, first + column, first + column, none, along_s, plain);
-    s[1] = sight_of_two(field, b, first + 1, first + 1, none, along_t, plain);
-    s[2] = sight_of_two(field, b, first, first + column + 1, beyond, corner, plain);
+    s[0] = sight_of_two(field, b, first + column, first + column, none, along_s);
+    s[1] = sight_of_two(field, b, first + 1, first + 1, none, along_t);
+    s[2] = sight_of_two(field, b, first, first + column + 1, beyond, corner);
   } else {
-    s[0] = sight_of(field, b, cell + column, along_s, plain);
-    s[1] = sight_of(field, b, cell + 1, along_t, plain);
-    s[2] = sight_of(field, b, cell + (beyond & (column + 1)), corner, plain);
+    s[0] = sight_of(field, b, cell + column, along_s);
+    s[1] = sight_of(field, b, cell + 1, along_t);
+    s[2] = sight_of(field, b, cell + (beyond & (column + 1)), corner);
   }
   missing = (s[0].dx != s[0].dx) | (s[1].dx != s[1].dx) | (s[2].dx != s[2].dx);
   if (mask_bits(missing)) stand_in(field, &cell, s, 3);
@@ -1090,12 +1129,12 @@ typedef struct {
 } depth_aim;
 
 INLINE void aim_at(const depth_field *field, const bundle *b, const sight s[3], f8 code,
-                   depth_aim *a, bool plain) {
+                   depth_aim *a) {
   f8 height = height_of(field, code);
   for (int k = 0; k < 3; k++) {
     f8 expected;
     i8 upper, lower_two;
-    reading r = see_from(field, b, &s[k], height, code, &expected, plain);
+    reading r = see_from(field, b, &s[k], height, code, &expected);
     weights_of(&r, &upper, &lower_two);
     memcpy(a->upper[k], &upper, sizeof upper);
     memcpy(a->lower_two[k], &lower_two, sizeof lower_two);
@@ -1103,7 +1142,7 @@ INLINE void aim_at(const depth_field *field, const bundle *b, const sight s[3], 
     store(a->weight[k], choose(r.inside, s[k].weight, all(0)));
     store(a->expected[k], expected);
     for (int l = 0; l < LANES; l++) {
-      const uint8_t *texel = field->pages.bytes + 4 * (size_t)a->texel[k][l];
+      const uint8_t *texel = field->pages.bytes + 4 * (size_t)(uint32_t)a->texel[k][l];
       __builtin_prefetch(texel);
       __builtin_prefetch(texel + 4 * PAGE_ROW_TEXELS + 7);
     }
@@ -1116,7 +1155,7 @@ INLINE i8 lanes_of(unsigned bits) {
 }
 
 INLINE void aim(const depth_field *field, const depth_rays *rays, const depth_memory *last, int row,
-                unsigned lanes, depth_aim *a, bool plain) {
+                unsigned lanes, depth_aim *a) {
   bundle b;
   sight s[3];
   f8 code = to_float(load_u16(last->code + 8 * row)) * (1.0f / 256);
@@ -1124,8 +1163,8 @@ INLINE void aim(const depth_field *field, const depth_rays *rays, const depth_me
   a->row = row, a->lanes = lanes;
   store(a->codes, code);
   store(a->wanted, smaller(larger(score - SCORE_SLACK, all(LEAST_NEAR)), all(ALL_AGREE)));
-  look_along(field, rays, row, &b, s, plain);
-  aim_at(field, &b, s, code, a, plain);
+  look_along(field, rays, row, &b, s);
+  aim_at(field, &b, s, code, a);
 }
 
 /* What the three slices show where they should see a height. */
@@ -1154,7 +1193,7 @@ INLINE void read_aimed(depth_field *field, const depth_aim *a, f8 code, view *v)
   v->moved /= sum;
 }
 
-INLINE unsigned mix_aimed(depth_field *field, depth_rays *rays, depth_aim *a, bool plain) {
+INLINE unsigned mix_aimed(depth_field *field, depth_rays *rays, depth_aim *a) {
   enum { PASSES = 3 };
   view v;
   f8 code = load(a->codes);
@@ -1164,8 +1203,8 @@ INLINE unsigned mix_aimed(depth_field *field, depth_rays *rays, depth_aim *a, bo
     sight s[3];
     if (!(mask_bits(magnitude(v.moved) > MOVED_SHARE * tolerance(code)) & a->lanes)) break;
     code = smaller(larger(code + v.moved, all(0)), all(255));
-    look_along(field, rays, a->row, &b, s, plain);
-    aim_at(field, &b, s, code, a, plain);
+    look_along(field, rays, a->row, &b, s);
+    aim_at(field, &b, s, code, a);
     read_aimed(field, a, code, &v);
   }
   f8 scale = 1.0f / tolerance(code), score = all(0), agreed = all(1e-6f);
@@ -1196,24 +1235,18 @@ INLINE unsigned mix_aimed(depth_field *field, depth_rays *rays, depth_aim *a, bo
   return mask;
 }
 
-INLINE uint64_t mix_rows(depth_field *field, depth_rays *rays, const depth_memory *last,
-                         uint64_t steady, bool plain) {
+static uint64_t mix_steady(depth_field *field, depth_rays *rays, const depth_memory *last,
+                           uint64_t steady) {
   depth_aim aims[8];
   int count = 0;
   uint64_t mixed = 0;
   for (int row = 0; row < 8; row++) {
     const unsigned lanes = steady >> 8 * row & 0xff;
-    if (lanes) aim(field, rays, last, row, lanes, &aims[count++], plain);
+    if (lanes) aim(field, rays, last, row, lanes, &aims[count++]);
   }
   for (int i = 0; i < count; i++)
-    mixed |= (uint64_t)mix_aimed(field, rays, &aims[i], plain) << 8 * aims[i].row;
+    mixed |= (uint64_t)mix_aimed(field, rays, &aims[i]) << 8 * aims[i].row;
   return mixed;
-}
-
-static uint64_t mix_steady(depth_field *field, depth_rays *rays, const depth_memory *last,
-                           uint64_t steady) {
-  return field->frames || field->through ? mix_rows(field, rays, last, steady, false)
-                                         : mix_rows(field, rays, last, steady, true);
 }
 
 /* ---- From frame to frame ------------------------------------------------------------------------

@@ -96,7 +96,9 @@ typedef struct {
   void (*put)(const depth_rays *rays, uint16_t *out, size_t row_nbytes);
 } depth_kernel;
 
-extern const depth_kernel depth_kernel_plain, depth_kernel_avx2;
+/* For any surface, and for flat mirrors, which have neither frames nor a slab. */
+extern const depth_kernel depth_kernel_plain, depth_kernel_avx2, depth_kernel_plain_flat,
+    depth_kernel_avx2_flat;
 
 /* Thresholds, of all mixing by depth: see depth_mix.c. */
 enum {

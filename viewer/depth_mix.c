@@ -85,8 +85,8 @@ static patience recall(const depth_mixer *m, size_t block, depth_memory *last) {
  * wear off frame by frame. */
 static float wanted_score(const depth_memory *last, uint32_t k) {
   float least = last->kind[k] == SEEN_WIDE ? LEAST_WIDE : LEAST_NEAR;
-  float wanted = fmaxf(0.01f * (float)last->score[k] - SCORE_SLACK, least);
-  return wanted < ALL_AGREE ? wanted : ALL_AGREE;
+  float wanted = 0.01f * (float)last->score[k] - SCORE_SLACK;
+  return wanted < least ? least : wanted < ALL_AGREE ? wanted : ALL_AGREE;
 }
 
 /* Where a guess comes from: the texel itself or its neighbours, last time. What moves, moves over a
@@ -119,7 +119,8 @@ static bool guess_lower(const depth_memory *last, uint32_t k, float *code, float
     lowest = last->code[from], found = true;
   }
   *code = (float)lowest / 256;
-  *wanted = fmaxf(0.01f * LOWER_SHARE * (float)last->score[k], LEAST_NEAR);
+  const float share = 0.01f * LOWER_SHARE * (float)last->score[k];
+  *wanted = share > LEAST_NEAR ? share : LEAST_NEAR;
   return found;
 }
 
@@ -318,9 +319,11 @@ bool depth_mix_block_shared(depth_mixer *m, uint32_t block_u, uint32_t block_v,
 }
 
 void depth_mixer_use_kernel(depth_mixer *m, resample_kernel kernel) {
-  m->kernel = &depth_kernel_plain;
+  const bool flat = !m->field.frames && !m->field.through;
+  m->kernel = flat ? &depth_kernel_plain_flat : &depth_kernel_plain;
 #if defined(__x86_64__)
-  if (kernel == RESAMPLE_BEST && cpu_has_avx2_f16c()) m->kernel = &depth_kernel_avx2;
+  if (kernel == RESAMPLE_BEST && cpu_has_avx2_f16c())
+    m->kernel = flat ? &depth_kernel_avx2_flat : &depth_kernel_avx2;
 #endif
 }
 
@@ -358,7 +361,6 @@ depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
     memcpy(f->scale, (float[4]){1, 0, 0, 1}, sizeof f->scale);
     f->frames = depth_frames_create(&surface->mesh, reflected->u_count, reflected->v_count, wrap_u);
   }
-  depth_mixer_use_kernel(m, RESAMPLE_BEST);
   m->block_u_count = (u_count + 7) / 8, m->block_v_count = (v_count + 7) / 8;
   size_t block_count = (size_t)m->block_u_count * m->block_v_count;
   m->last = calloc(block_count, sizeof *m->last);
@@ -376,6 +378,7 @@ depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
     return NULL;
   }
   f->pages.wrap_u = wrap_u && !flat;
+  depth_mixer_use_kernel(m, RESAMPLE_BEST);
   return m;
 }
 

@@ -1,7 +1,8 @@
 # The viewer. Its core needs no GL and is what the unit tests link; GLFW, EGL and OSMesa are loaded
 # at run time, their headers are needed to build.
 VIEWER_CORE_OBJECTS := $(addprefix $(OBJ)/viewer/,uv_mesh.o angular_level.o block_cache.o resample.o depth_mix.o \
-  depth_pages.o depth_frames.o depth_kernel.o depth_kernel_avx2.o texture.o mipmap.o \
+  depth_pages.o depth_frames.o depth_kernel.o depth_kernel_avx2.o depth_kernel_flat.o \
+  depth_kernel_avx2_flat.o texture.o mipmap.o \
   camera.o path.o ripple.o ripple_script.o water.o pick.o)
 VIEWER_OBJECTS := $(VIEWER_CORE_OBJECTS) $(addprefix $(OBJ)/viewer/,gl_api.o context.o context_egl.o \
   context_osmesa.o checked_file.o draw.o overlay.o maps.o truth.o video.o image.o \
@@ -10,10 +11,10 @@ VIEWER_OBJECTS := $(VIEWER_CORE_OBJECTS) $(addprefix $(OBJ)/viewer/,gl_api.o con
 # sqrtf becomes a vector instruction when it need not set errno, a conditional division a blend when
 # it need not trap. Neither changes a value.
 $(addprefix $(OBJ)/viewer/,resample.o depth_mix.o texture.o water.o): PKG_CFLAGS := -fno-math-errno -fno-trapping-math
-# The same source for any processor and for those with AVX2.
-$(OBJ)/viewer/depth_kernel.o: PKG_CFLAGS := -fno-math-errno -fno-trapping-math -Wno-psabi
-$(OBJ)/viewer/depth_kernel_avx2.o: PKG_CFLAGS := -fno-math-errno -fno-trapping-math -mavx2 -mf16c
-$(OBJ)/viewer/depth_kernel_avx2.o: viewer/depth_kernel.c $(OBJ)/flags | $(DEPS)
+# The same source for any processor and for those with AVX2, for any surface and for flat mirrors.
+DEPTH_KERNELS := $(addprefix $(OBJ)/viewer/depth_kernel,.o _avx2.o _flat.o _avx2_flat.o)
+$(DEPTH_KERNELS): PKG_CFLAGS = -fno-math-errno -fno-trapping-math -Wno-psabi $(if $(findstring avx2,$@),-mavx2 -mf16c) $(if $(findstring flat,$@),-DFLAT=1)
+$(DEPTH_KERNELS): viewer/depth_kernel.c $(OBJ)/flags | $(DEPS)
 	$(call say,compile,$<)$(CC) $(ALL_CFLAGS) $(PKG_CFLAGS) -MMD -MP -c $< -o $@
 $(OBJ)/viewer/overlay.o: PKG_CFLAGS = $(shell pkg-config --cflags stb)
 $(addprefix $(OBJ)/viewer/,image.o truth.o): PKG_CFLAGS = $(shell pkg-config --cflags libpng)
