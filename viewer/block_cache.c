@@ -1,11 +1,10 @@
 #include "block_cache.h"
 
 #include <assert.h>
-#include <pthread.h>
-#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "codec/parallel.h"
 #include "half.h"
 
 enum { PINNED_COUNT = 2 * BLOCK_MAX_SLICES };
@@ -33,7 +32,6 @@ typedef struct {
 enum { LEVEL_COUNT = ANGULAR_MAX_LEVEL + 1 };
 
 /* A run of missing slices of one place, to be decompressed ahead. */
-enum { MOST_THREADS = 64 };
 typedef struct {
   cached_layer *layer;
   uint16_t block_u, block_v;
@@ -75,7 +73,6 @@ struct block_cache {
   slice_index *announced_slices;
   uint8_t **announced_targets;
   size_t announced_capacity, run_count, announced_count, asked_count;
-  atomic_size_t next_run;
 };
 
 /* The slices of a small (S,T) group of one block hash to the same run of entries, so that the look-
@@ -400,23 +397,17 @@ void block_cache_forget_announced(block_cache *cache, size_t *announced_count,
   cache->run_count = cache->announced_count = cache->asked_count = 0;
 }
 
-static void *decompress_runs(void *context) {
+static void decompress_run(void *context, uint64_t i) {
   block_cache *cache = context;
-  size_t i;
-  while ((i = atomic_fetch_add(&cache->next_run, 1)) < cache->run_count) {
-    const announced_run *run = &cache->runs[i];
-    slf_block_address addresses[BLOCK_MAX_SLICES];
-    uint8_t **targets = cache->announced_targets + run->first;
-    order_place(run->layer, run->block_u, run->block_v, cache->announced_slices + run->first,
-                targets, run->count, addresses);
-    decompress(run->layer, addresses, targets, run->count);
-  }
-  return NULL;
+  const announced_run *run = &cache->runs[i];
+  slf_block_address addresses[BLOCK_MAX_SLICES];
+  uint8_t **targets = cache->announced_targets + run->first;
+  order_place(run->layer, run->block_u, run->block_v, cache->announced_slices + run->first, targets,
+              run->count, addresses);
+  decompress(run->layer, addresses, targets, run->count);
 }
 
 void block_cache_decompress_announced(block_cache *cache, uint32_t thread_count) {
-  pthread_t threads[MOST_THREADS];
-  uint32_t started = 0;
   begin_fetch(cache, 0);
   begin_fetch(cache, 0); /* nothing is pinned */
   while (cache->resident > 0 && cache->resident + cache->announced_count > cache->capacity)
@@ -434,13 +425,7 @@ void block_cache_decompress_announced(block_cache *cache, uint32_t thread_count)
   /* The fetches to come will find them; what counts is that they were missing. */
   cache->counts.hits -= cache->announced_count;
   cache->counts.frame_hits -= cache->announced_count;
-  atomic_store(&cache->next_run, 0);
-  if (thread_count > MOST_THREADS) thread_count = MOST_THREADS;
-  /* A thread that does not start leaves its share to the others. */
-  for (uint32_t i = 1; i < thread_count; i++)
-    started += pthread_create(&threads[started], NULL, decompress_runs, cache) == 0;
-  decompress_runs(cache);
-  for (uint32_t i = 0; i < started; i++) pthread_join(threads[i], NULL);
+  parallel_for(thread_count, cache->run_count, decompress_run, cache);
   cache->run_count = cache->announced_count = cache->asked_count = 0;
 }
 

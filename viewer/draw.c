@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
-#include <unistd.h>
 
 #include "codec/parallel.h"
 #include "depth_pages.h"
@@ -322,8 +321,7 @@ static bool create_surface(drawing *d, uint32_t index) {
                         d->options.dice_px))
       return false;
     if (!d->options.source)
-      texture_decode_ahead(&layer->four_tap, d->cache, (uint32_t)sysconf(_SC_NPROCESSORS_ONLN),
-                           AHEAD_BLOCKS);
+      texture_decode_ahead(&layer->four_tap, d->cache, processor_count(), AHEAD_BLOCKS);
     if (has_depth(surface, k) && !create_by_depth(d, index, k)) return false;
     choose_texture(d, index, k);
   }

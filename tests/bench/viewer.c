@@ -10,8 +10,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
+#include "codec/parallel.h"
 #include "tests/bench/figures.h"
 #include "viewer/block_cache.h"
 #include "viewer/texture.h"
@@ -155,8 +155,7 @@ static double threads_speedup(scene *x, const slf_view *view) {
   for (int i = 0; i < ROUNDS; i++) {
     for (int all = 0; all < 2; all++) {
       for (uint32_t k = 0; k < x->count; k++)
-        texture_decode_ahead(&x->textures[k], x->cache,
-                             all ? (uint32_t)sysconf(_SC_NPROCESSORS_ONLN) : 1, 0);
+        texture_decode_ahead(&x->textures[k], x->cache, all ? processor_count() : 1, 0);
       block_cache_clear(x->cache);
       double start_s = now_s();
       frame_ns(x, view, &texels);
