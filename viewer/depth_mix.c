@@ -189,8 +189,13 @@ static uint64_t mix_sought(depth_mixer *m, depth_rays *rays, uint64_t texels) {
 }
 
 static uint64_t find_kind(const uint8_t kinds[64], uint8_t kind) {
-  uint64_t found = 0;
-  for (int k = 0; k < 64; k++) found |= (uint64_t)(kinds[k] == kind) << k;
+  const uint64_t ones = 0x0101010101010101u;
+  uint64_t found = 0, row;
+  for (int k = 0; k < 64; k += 8) {
+    memcpy(&row, kinds + k, sizeof row);
+    row = (128 * ones - (row ^ ones * kind)) >> 7 & ones; /* 1 in each byte that is the kind */
+    found |= (row * 0x0102040810204080u >> 56) << k;      /* side by side */
+  }
   return found;
 }
 
@@ -263,7 +268,7 @@ static void count_texels(depth_mix_counts *counts, uint64_t mask, uint64_t foret
 
 /* The slices that some of the texels read stay longer than others. */
 static void use_slices(const depth_pages *p, const depth_rays *rays) {
-  for (int k = 0; k < 64; k += 9)
+  for (int k = 0; k < 64; k += 21) /* corners, and two in between */
     for (int32_t corner = 0; corner < 4; corner++) {
       const int32_t past = corner & 1 ? (int32_t)p->t_count + 1 : 0;
       atomic_store_explicit(&p->slices[rays->cell[k] + past + (corner >> 1)].used, p->now,
