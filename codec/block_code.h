@@ -69,8 +69,8 @@ typedef struct {
 
 /* Blocks of coefficients are column-major here: 8 * horizontal + vertical frequency, which spares
  * the inverse transform a transposition. Place of the k-th coefficient of JPEG's zigzag scan; a
- * damaged block may step on as far as 63 + 64 + 16, all of it to place 64. */
-enum { SPARE_PLACES = 80 };
+ * damaged block may step on as far as 63 + FAST_READS x 32 + 64 places, all of it to place 64. */
+enum { FAST_READS = 5, SPARE_PLACES = FAST_READS * 32 + 64 };
 extern const uint8_t slf_zigzag[COEFFICIENTS + SPARE_PLACES];
 
 /* JPEG's magnitude bits (ISO/IEC 10918-1, F.1.2.1): size bits, negative where the first is 0. */
@@ -81,7 +81,7 @@ static inline int32_t extend(uint32_t value, unsigned size) {
 
 /* An AC entry holds as many whole levels as FAST_BITS show, two at most, small ones: bits 0-5 how
  * many bits they take, 0 if none is whole; 6 the channel ends here; 7-11 and 12-16 how far each
- * lies behind the one before (0: there is none); 17-23 and 24-30 the levels. Where none is whole,
+ * lies behind the one before (0: there is none); 18-24 and 25-31 the levels. Where none is whole,
  * but the first one's code is: 7-11 how far it lies, 12-16 how many bits the code takes, 17-20 and
  * then the level. A DC entry: bits 0-3 how many bits the code takes, 4-7 and then the level; 0 if
  * the code has more than FAST_DC_BITS. Small entries: the tables of a scheme fit in a first-level
@@ -89,7 +89,6 @@ static inline int32_t extend(uint32_t value, unsigned size) {
 enum {
   FAST_END = 1 << 6,
   FAST_MAX_LEVEL = 63,
-  FAST_READS = 5,
   FAST_DC_SIZE = 14, /* a head and two DC levels: 9 + 2 x (9 + 14) bits, which a refill gives */
   LONG_DC = 255,
   NO_DC = 4
@@ -110,10 +109,10 @@ static inline unsigned large_size(uint32_t entry) {
   return entry >> 17 & 15;
 }
 static inline int32_t fast_level(uint32_t entry) {
-  return (int32_t)(entry << 8) >> 25;
+  return (int32_t)(entry << 7) >> 25;
 }
 static inline int32_t fast_second_level(uint32_t entry) {
-  return (int32_t)(entry << 1) >> 25;
+  return (int32_t)entry >> 25;
 }
 
 /* To pass over AC levels, only their bits are counted. A state is what of a block is still to come:

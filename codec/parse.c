@@ -141,7 +141,7 @@ static __attribute__((noinline)) bool parse_long(const huffman_decoder *decoder,
 static inline __attribute__((always_inline)) bool
 parse_ac(const block_tables *tables, int code, bit_reader *r, int16_t *levels, unsigned *last_k) {
   const uint32_t *table = tables->ac[code - CODE_AC], *later = tables->ac[(code | 1) - CODE_AC];
-  unsigned k = 0;
+  uint64_t k = 0;
   for (;; table = later) {
     uint32_t entry = 0;
     refill(r);
@@ -155,11 +155,11 @@ parse_ac(const block_tables *tables, int code, bit_reader *r, int16_t *levels, u
       k += fast_second_step(entry);
       add_level(&levels[slf_zigzag[k]], fast_second_level(entry));
       if (entry & FAST_END) {
-        *last_k = k > *last_k ? k : *last_k;
-        return true;
+        *last_k = k > *last_k ? (unsigned)k : *last_k;
+        return k < COEFFICIENTS;
       }
-      if (__builtin_expect(k >= COEFFICIENTS, 0)) return false;
     }
+    if (__builtin_expect(k >= COEFFICIENTS, 0)) return false;
     if (fast_taken(entry)) continue;
     if (__builtin_expect(large_code_bits(entry) != 0, 1)) {
       if (r->count < FAST_BITS + 15) refill(r);
@@ -168,12 +168,12 @@ parse_ac(const block_tables *tables, int code, bit_reader *r, int16_t *levels, u
       add_level(&levels[slf_zigzag[k]], take_level(r, large_size(entry)));
     } else {
       bit_reader copy = *r;
-      unsigned at = k;
+      unsigned at = (unsigned)k;
       int long_code = table == later ? code | 1 : code;
       bool end, good = parse_long(&tables->decoders[long_code], &copy, &at, levels, &end);
       *r = copy;
       k = at;
-      if (end) *last_k = k > *last_k ? k : *last_k;
+      if (end) *last_k = k > *last_k ? (unsigned)k : *last_k;
       if (!good || end) return good;
     }
     if (__builtin_expect(k >= COEFFICIENTS, 0)) return false;
