@@ -1140,7 +1140,7 @@ INLINE void aim_at(const depth_field *field, const bundle *b, const sight s[3], 
     memcpy(a->lower_two[k], &lower_two, sizeof lower_two);
     memcpy(a->texel[k], &r.texel, sizeof r.texel);
     store(a->weight[k], choose(r.inside, s[k].weight, all(0)));
-    store(a->expected[k], expected);
+    if (!FLAT) store(a->expected[k], expected);
     for (int l = 0; l < LANES; l++) {
       const uint8_t *texel = field->pages.bytes + 4 * (size_t)(uint32_t)a->texel[k][l];
       __builtin_prefetch(texel);
@@ -1169,26 +1169,31 @@ INLINE void aim(const depth_field *field, const depth_rays *rays, const depth_me
 
 /* What the three slices show where they should see a height. */
 typedef struct {
-  f8 rgb[3][3]; /* linear, in LIGHT_UNIT */
-  f8 off[3];    /* code seen less the one expected */
-  f8 weight[3];
-  f8 moved; /* mean of off: the slices' directions lie around the ray's, so that it leads to what
-               they see, right to first order wherever along the ray they look */
+  f8 rgb[3];        /* linear, in LIGHT_UNIT, by weight of those that see it there */
+  f8 agreed, score; /* as in verdict */
+  f8 moved;         /* mean of the codes seen less those expected: the slices' directions lie around
+                       the ray's, so that it leads to what they see, right to first order wherever
+                       along the ray they look */
 } view;
 
 INLINE void read_aimed(depth_field *field, const depth_aim *a, f8 code, view *v) {
-  f8 sum = all(1e-6f), limit = 4.0f * tolerance(code);
-  v->moved = all(0);
+  f8 sum = all(1e-6f), near = tolerance(code), limit = 4.0f * near, scale = 1.0f / near;
+  *v = (view){.agreed = all(1e-6f), .score = all(0), .moved = all(0)};
+  for (int c = 0; c < 3; c++) v->rgb[c] = all(0);
   for (int k = 0; k < 3; k++) {
     i8 sums[4], upper, lower_two;
     memcpy(&upper, a->upper[k], sizeof upper);
     memcpy(&lower_two, a->lower_two[k], sizeof lower_two);
     weigh_there(field, a->texel[k], upper, lower_two, a->lanes, sums);
-    for (int c = 0; c < 3; c++) v->rgb[k][c] = to_float(sums[c]);
-    v->weight[k] = load(a->weight[k]);
-    v->off[k] = to_float(sums[3]) * CODE_UNIT - load(a->expected[k]);
-    f8 weight = choose(magnitude(v->off[k]) < limit, v->weight[k], all(0));
-    v->moved += weight * v->off[k], sum += weight;
+    f8 weight = load(a->weight[k]);
+    f8 off = to_float(sums[3]) * CODE_UNIT - (FLAT ? code : load(a->expected[k]));
+    f8 of_near = choose(magnitude(off) < limit, weight, all(0));
+    v->moved += of_near * off, sum += of_near;
+    off *= scale;
+    f8 agreeing = weight * agreement(off);
+    for (int c = 0; c < 3; c++) v->rgb[c] += agreeing * to_float(sums[c]);
+    v->agreed += agreeing;
+    v->score += choose(off > 2.0f, -weight, agreeing);
   }
   v->moved /= sum;
 }
@@ -1196,7 +1201,7 @@ INLINE void read_aimed(depth_field *field, const depth_aim *a, f8 code, view *v)
 INLINE unsigned mix_aimed(depth_field *field, depth_rays *rays, depth_aim *a) {
   enum { PASSES = 3 };
   view v;
-  f8 code = load(a->codes);
+  f8 code = load(a->codes), wanted = load(a->wanted);
   read_aimed(field, a, code, &v);
   for (int pass = 1; pass < PASSES; pass++) {
     bundle b;
@@ -1207,31 +1212,22 @@ INLINE unsigned mix_aimed(depth_field *field, depth_rays *rays, depth_aim *a) {
     aim_at(field, &b, s, code, a);
     read_aimed(field, a, code, &v);
   }
-  f8 scale = 1.0f / tolerance(code), score = all(0), agreed = all(1e-6f);
-  f8 rgb[3] = {all(0), all(0), all(0)}, wanted = load(a->wanted);
-  for (int k = 0; k < 3; k++) {
-    f8 off = v.off[k] * scale;
-    f8 agreeing = v.weight[k] * agreement(off);
-    for (int c = 0; c < 3; c++) rgb[c] += agreeing * v.rgb[k][c];
-    agreed += agreeing;
-    score += choose(off > 2.0f, -v.weight[k], agreeing);
-  }
-  unsigned mask = mask_bits(score > wanted) & a->lanes;
+  unsigned mask = mask_bits(v.score > wanted) & a->lanes;
   i8 mixed = lanes_of(mask);
-  f8 light = LIGHT_UNIT / agreed;
+  f8 light = LIGHT_UNIT / v.agreed;
   float *codes = rays->code + 8 * a->row, *scores = rays->score + 8 * a->row;
-  for (int c = 0; c < 3; c++) rgb[c] *= light;
+  for (int c = 0; c < 3; c++) v.rgb[c] *= light;
   if (mask == (1u << LANES) - 1) {
-    spread(rgb, rays->rgba + 8 * a->row);
+    spread(v.rgb, rays->rgba + 8 * a->row);
   } else {
     float rgba[LANES][4];
-    spread(rgb, rgba);
+    spread(v.rgb, rgba);
     for (unsigned left = mask; left; left &= left - 1)
       memcpy(rays->rgba[8 * a->row + __builtin_ctz(left)], rgba[__builtin_ctz(left)], sizeof *rgba);
   }
   code = smaller(larger(code + v.moved, all(0)), all(255));
   store(codes, choose(mixed, code, load(codes)));
-  store(scores, choose(mixed, larger(score, wanted + SCORE_SLACK), load(scores)));
+  store(scores, choose(mixed, larger(v.score, wanted + SCORE_SLACK), load(scores)));
   return mask;
 }
 
