@@ -620,15 +620,13 @@ static void draw_surface(const drawing *d, uint32_t index, int mask_surface) {
   gl.Disable(GL_BLEND);
 }
 
-/* Codes and depths as they are. */
+/* Like formats on both sides, sRGB as drawn: the driver copies bytes. */
 static void copy_canvas(const drawing *d, const canvas *from, const canvas *to) {
-  gl.Disable(GL_FRAMEBUFFER_SRGB);
   gl.BindFramebuffer(GL_READ_FRAMEBUFFER, from->framebuffer);
   gl.BindFramebuffer(GL_DRAW_FRAMEBUFFER, to->framebuffer);
   gl.BlitFramebuffer(0, 0, d->width_px, d->height_px, 0, 0, d->width_px, d->height_px,
                      GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT, GL_NEAREST);
   gl.BindFramebuffer(GL_FRAMEBUFFER, d->picture.framebuffer);
-  gl.Enable(GL_FRAMEBUFFER_SRGB);
 }
 
 static void draw_matte(const drawing *d, int mask_surface) {
