@@ -1277,9 +1277,8 @@ static void remember(const depth_rays *rays, const uint8_t kinds[64], uint64_t m
   for (int row = 0; row < 64; row += LANES) {
     i8 made = lanes_of((unsigned)(mask >> row & 0xff));
     i8 code = to_int(256.0f * larger(load(rays->code + row), all(0)));
-    i8 score =
-        to_int(100.0f * smaller(load(rays->score + row), all(1))); /* of sixteen it may be more */
-    i8 kind = load_c8(kinds + row);
+    f8 at_most_1 = smaller(load(rays->score + row), all(1)); /* sixteen slices may give more */
+    i8 score = to_int(100.0f * at_most_1), kind = load_c8(kinds + row);
     store_u16(now->code + row, (code & made) | (load_u16(now->code + row) & ~made));
     store_c8(now->score + row, (score & made) | (load_c8(now->score + row) & ~made));
     store_c8(now->kind + row, (kind & made) | (load_c8(now->kind + row) & ~made));

@@ -268,7 +268,7 @@ static void count_texels(depth_mix_counts *counts, uint64_t mask, uint64_t foret
 
 /* The slices that some of the texels read stay longer than others. */
 static void use_slices(const depth_pages *p, const depth_rays *rays) {
-  for (int k = 0; k < 64; k += 21) /* corners, and two in between */
+  for (int k = 0; k < 64; k += 21) /* two corners, and two in between */
     for (int32_t corner = 0; corner < 4; corner++) {
       const int32_t past = corner & 1 ? (int32_t)p->t_count + 1 : 0;
       atomic_store_explicit(&p->slices[rays->cell[k] + past + (corner >> 1)].used, p->now,

@@ -239,6 +239,8 @@ static void kernels_parse_random_bits_alike(void **state) {
         assert_true(readers[0].bits == readers[1].bits && readers[0].count == readers[1].count);
       }
       if (!good[0]) break;
+      for (int c = 0; c < 3; c++)
+        assert_true(entry_levels(&states[0])->last_k[c] < COEFFICIENTS); /* or it is no C-Block */
     }
     free(bytes);
   }
