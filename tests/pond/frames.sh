@@ -17,7 +17,7 @@ refused() { # CODE WORDS ARGUMENTS: one line on stderr that holds the words
 }
 script() { printf '%s\n' "$@" > "$out/script.ripples"; echo "$out/script.ripples"; }
 
-echo "1..13"
+echo "1..14"
 drops=$(script '0 drop 0.3 0.4 0.4 -0.3' '0.2 stroke 0.2 0.2 0.6 0.3 0.3 0.1 0.4')
 draw --ripple-script "$drops" --frames 4 --fps 5 --output "$out/%02d.png"
 check "--frames writes that many" test "$(cd "$out" && echo ??.png)" = "00.png 01.png 02.png 03.png"
@@ -31,6 +31,12 @@ draw --ripple-script "$out/stop.ripples" --cache 0 --output "$out/cacheless.png"
 check "the cache does not show" cmp -s "$out/still.png" "$out/cacheless.png"
 draw --ripple-script "$out/stop.ripples" --frames 6 --fps 5 --output "$out/s%d.png"
 check "nothing moves after stop" cmp -s "$out/s3.png" "$out/s5.png"
+# What is matte is kept while only water moves: at rest for three frames, then elsewhere.
+rest='0 1.4 -3.6 0 0.5 1 60' elsewhere='1 1.6 -3.2 0 0.5 1 60'
+printf '%s\n' "0 $rest" "0.4 $rest" "0.6 $elsewhere" > "$out/path"
+draw --ripple-script "$drops" --path "$out/path" --fps 5 --output "$out/p%d.png"
+draw --ripple-script "$out/stop.ripples" --camera "${elsewhere// /,}" --output "$out/elsewhere.png"
+check "a frame after the camera moved is the still of its place" cmp -s "$out/p3.png" "$out/elsewhere.png"
 draw --ripple-script "$out/stop.ripples" --fresnel --output "$out/fresnel.png"
 brightness() { convert "$out/$1.png" -format '%[fx:int(1000*mean)]' info:; }
 check "Fresnel's water is darker" test "$(brightness fresnel)" -lt "$(brightness still)"
