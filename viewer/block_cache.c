@@ -73,6 +73,7 @@ struct block_cache {
   slice_index *announced_slices;
   uint8_t **announced_targets;
   size_t announced_capacity, run_count, announced_count, asked_count;
+  size_t waiting_count; /* since the frame began, decompressed for frames to come */
 };
 
 /* The slices of a small (S,T) group of one block hash to the same run of entries, so that the look-
@@ -378,7 +379,8 @@ void block_cache_announce(void *context, uint32_t block_u, uint32_t block_v,
   uint64_t base = place_key(layer, block_u, block_v);
   uint32_t first = (uint32_t)cache->announced_count;
   cache->asked_count += count;
-  for (size_t i = 0; i < count && cache->announced_count < cache->announced_capacity; i++)
+  const size_t most = cache->announced_capacity - cache->waiting_count;
+  for (size_t i = 0; i < count && cache->announced_count < most; i++)
     if (cache->table[find_entry(cache, base | slices[i])].key == no_key)
       cache->announced_slices[cache->announced_count++] = slices[i];
   if (cache->announced_count > first)
@@ -407,7 +409,7 @@ static void decompress_run(void *context, uint64_t i) {
   decompress(run->layer, addresses, targets, run->count);
 }
 
-void block_cache_decompress_announced(block_cache *cache, uint32_t thread_count) {
+void block_cache_decompress_announced(block_cache *cache, uint32_t thread_count, bool in_frame) {
   begin_fetch(cache, 0);
   begin_fetch(cache, 0); /* nothing is pinned */
   while (cache->resident > 0 && cache->resident + cache->announced_count > cache->capacity)
@@ -422,9 +424,12 @@ void block_cache_decompress_announced(block_cache *cache, uint32_t thread_count)
     count_decompressions(run->layer, run->block_u, run->block_v,
                          cache->announced_slices + run->first, run->count);
   }
-  /* The fetches to come will find them; what counts is that they were missing. */
-  cache->counts.hits -= cache->announced_count;
-  cache->counts.frame_hits -= cache->announced_count;
+  if (in_frame) { /* the fetches to come will find them; what counts is that they were missing */
+    cache->counts.hits -= cache->announced_count;
+    cache->counts.frame_hits -= cache->announced_count;
+  } else {
+    cache->waiting_count += cache->announced_count;
+  }
   parallel_for(thread_count, cache->run_count, decompress_run, cache);
   cache->run_count = cache->announced_count = cache->asked_count = 0;
 }
@@ -527,6 +532,7 @@ void block_cache_free(block_cache *cache) {
 
 void block_cache_begin_frame(block_cache *cache) {
   cache->frame++;
+  cache->waiting_count = 0;
   block_cache_counts *counts = &cache->counts;
   counts->frame_lookups = counts->frame_hits = 0;
   counts->frame_decompressions = counts->frame_decompressions_again = 0;

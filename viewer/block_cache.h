@@ -54,17 +54,18 @@ block_source block_cache_level(block_cache *cache, uint32_t surface_index, uint3
                                uint32_t level);
 
 /* Decompressing ahead, on several threads: blocks are announced, those that are missing are noted,
- * and then decompressed all at once. `context` is that of a source of this cache. The first
- * fetch of a block decompressed ahead is no hit: the counts, too, are those of fetches alone. What
- * is announced beyond a quarter of the capacity is left to the fetches, so that nothing is evicted
- * unused. Each block is announced once before they are decompressed. */
+ * and then decompressed all at once. `context` is that of a source of this cache. What
+ * is announced beyond a quarter of the capacity, or waits for later frames beyond that, is left to
+ * the fetches, so that nothing is evicted unused. Each block is announced once before they are
+ * decompressed. */
 void block_cache_announce(void *context, uint32_t block_u, uint32_t block_v,
                           const slice_index *slices, size_t count);
 /* How many were announced, and of them are missing; forgets them. */
 void block_cache_forget_announced(block_cache *cache, size_t *announced_count,
                                   size_t *missing_count);
-/* Not while blocks that were fetched are in use. */
-void block_cache_decompress_announced(block_cache *cache, uint32_t thread_count);
+/* Not while blocks that were fetched are in use. in_frame: this frame is going to fetch them all,
+ * and the first fetch of each is no hit. Otherwise it is one, if it ever comes. */
+void block_cache_decompress_announced(block_cache *cache, uint32_t thread_count, bool in_frame);
 
 const block_cache_counts *block_cache_get_counts(const block_cache *cache);
 size_t block_cache_resident(const block_cache *cache); /* blocks held, pinned ones included */

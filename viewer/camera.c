@@ -109,6 +109,15 @@ void view_orbit(slf_view *view, float yaw_rad, float pitch_rad) {
   for (int k = 0; k < 3; k++) view->location[k] = held((float)(view->look_at[k] - d[k]));
 }
 
+slf_view view_ahead(const slf_view *view, const slf_view *before) {
+  slf_view ahead = *view;
+  for (int k = 0; k < 3; k++) {
+    ahead.location[k] = held(2 * view->location[k] - before->location[k]);
+    ahead.look_at[k] = held(2 * view->look_at[k] - before->look_at[k]);
+  }
+  return ahead;
+}
+
 void view_approach(slf_view *view, float factor) {
   double d[3];
   from_to(view->location, view->look_at, d);

@@ -39,6 +39,8 @@ void view_turn(slf_view *view, float yaw_rad, float pitch_rad);
 void view_walk(slf_view *view, float right, float up, float forward);
 /* Turns the location about look_at. */
 void view_orbit(slf_view *view, float yaw_rad, float pitch_rad);
+/* Where a view that came from `before` will be next if it goes on so. */
+slf_view view_ahead(const slf_view *view, const slf_view *before);
 /* Multiplies the distance to look_at. */
 void view_approach(slf_view *view, float factor);
 

@@ -1,6 +1,7 @@
 #include "draw.h"
 
 #include <math.h>
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -61,6 +62,11 @@ struct drawing {
   GLint most_anisotropic;      /* 1: the driver has none */
   camera latest, latest_matte; /* what the textures show, and what the matte surfaces */
   bool textures_valid;
+  slf_view view, view_before; /* the latest frame's, the one before's; angle_deg 0: none yet */
+  bool looks_ahead;           /* a thread of its own has the textures and the cache */
+  pthread_t ahead;
+  camera expected;
+  atomic_bool stop;
 };
 
 /* Colour comes premultiplied by coverage: texels that were not made are zeros, so that bilinear,
@@ -393,6 +399,39 @@ refused:
   return result;
 }
 
+/* ---- Looking ahead ------------------------------------------------------------------------------
+ *
+ * While the driver draws a frame and the display shows it, what a camera that goes on as it does
+ * will need next is decompressed by another thread. */
+
+static void *look_ahead(void *context) {
+  drawing *d = context;
+  for (uint32_t i = 0; i < d->surface_count; i++)
+    for (uint32_t k = 0; k < d->surfaces[i].layer_count; k++) {
+      texture *shown = d->surfaces[i].layers[k].shown;
+      if (shown && !d->surfaces[i].was_bent) texture_look_ahead(shown, &d->expected, &d->stop);
+    }
+  return NULL;
+}
+
+static void end_look_ahead(drawing *d) {
+  if (!d->looks_ahead) return;
+  atomic_store(&d->stop, true);
+  pthread_join(d->ahead, NULL);
+  d->looks_ahead = false;
+}
+
+/* Where the thread cannot be made, the next frame decompresses what it needs. */
+static void begin_look_ahead(drawing *d) {
+  const slf_view *at = &d->view, *from = &d->view_before;
+  if (from->angle_deg == 0 || !memcmp(at, from, sizeof *at) || processor_count() == 1) return;
+  const slf_view next = view_ahead(at, from);
+  end_look_ahead(d);
+  d->expected = camera_of_view(&next, d->width_px, d->height_px);
+  atomic_store(&d->stop, false);
+  d->looks_ahead = pthread_create(&d->ahead, NULL, look_ahead, d) == 0;
+}
+
 static void free_canvas(canvas *c) {
   gl.DeleteFramebuffers(1, &c->framebuffer);
   gl.DeleteRenderbuffers(1, &c->colour);
@@ -401,6 +440,7 @@ static void free_canvas(canvas *c) {
 
 void drawing_free(drawing *d) {
   if (!d) return;
+  end_look_ahead(d);
   for (uint32_t i = 0; i < d->surface_count; i++) {
     drawn_surface *s = &d->surfaces[i];
     for (uint32_t k = 0; k < s->layer_count; k++) {
@@ -551,6 +591,7 @@ static void update_textures(drawing *d, const camera *c) {
 }
 
 void drawing_set_look(drawing *d, const drawing_look *look) {
+  end_look_ahead(d);
   if (look->detail != d->look.detail || look->mix != d->look.mix) d->textures_valid = false;
   d->has_matte = false;
   d->look = *look;
@@ -657,6 +698,7 @@ slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int he
                           int mask_surface, slf_error *error) {
   slf_result result = resize(d, width_px, height_px, error);
   if (result != SLF_OK) return result;
+  end_look_ahead(d);
   camera c = camera_of_view(view, width_px, height_px);
   float matrix[16], z_near, z_far;
   clip_planes(d, &c, &z_near, &z_far);
@@ -685,6 +727,8 @@ slf_result drawing_render(drawing *d, const slf_view *view, int width_px, int he
   }
   for (uint32_t i = 0; i < d->surface_count; i++)
     if (!is_matte(&d->surfaces[i])) draw_surface(d, i, mask_surface);
+  d->view_before = d->view;
+  d->view = *view;
   return SLF_OK;
 }
 
@@ -704,7 +748,7 @@ void drawing_read(drawing *d, uint8_t *rgba) {
 }
 
 void drawing_finish(drawing *d) {
-  (void)d;
+  begin_look_ahead(d);
   gl.Finish();
 }
 
@@ -714,6 +758,7 @@ void drawing_show(drawing *d, int width_px, int height_px) {
   gl.BindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
   gl.BlitFramebuffer(0, 0, d->width_px, d->height_px, 0, 0, width_px, height_px,
                      GL_COLOR_BUFFER_BIT, GL_NEAREST);
+  begin_look_ahead(d);
 }
 
 water *drawing_water(drawing *d, uint32_t surface_index) {
@@ -725,5 +770,6 @@ const slf_file *drawing_file(const drawing *d) {
 }
 
 block_cache *drawing_cache(drawing *d) {
+  end_look_ahead(d);
   return d->cache;
 }

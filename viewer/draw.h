@@ -60,6 +60,7 @@ void drawing_finish(drawing *d);
 /* Shows it in the window's framebuffer of that size. */
 void drawing_show(drawing *d, int width_px, int height_px);
 
+/* Until the next drawing_finish or drawing_show, which look ahead: see draw.c. */
 block_cache *drawing_cache(drawing *d);
 const slf_file *drawing_file(const drawing *d);
 drawing_cost drawing_get_cost(const drawing *d);

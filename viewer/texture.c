@@ -159,12 +159,19 @@ static void add_block(mipmap_area *area, const mipmap_level *level, uint32_t blo
   if (y1 > area->y1) area->y1 = y1;
 }
 
-static void announce(texture *x, uint32_t step) {
-  const uv_mesh *mesh = &x->mesh;
+/* Sets what block_view_directions asks for. */
+static void look_from(texture *x, const camera *c) {
+  find_visible(x, c);
+  for (uint32_t i = 0; i < x->mesh.vertex_count; i++)
+    view_direction(&x->mesh.vertices[i], c->location, &x->s[i], &x->t[i]);
+}
+
+/* Every step-th block of `first` to `end`. */
+static void announce(texture *x, uint32_t first, uint32_t end, uint32_t step) {
   block_directions d;
   memset(&d, 0, sizeof d);
-  for (uint32_t block = 0; block < mesh->block_u_count * mesh->block_v_count; block += step) {
-    uint32_t block_u = block % mesh->block_u_count, block_v = block / mesh->block_u_count;
+  for (uint32_t block = first; block < end; block += step) {
+    uint32_t block_u = block % x->mesh.block_u_count, block_v = block / x->mesh.block_u_count;
     if (block_view_directions(x, block_u, block_v, &d))
       resample_ask(x->resampler, block_u, block_v, &d, block_cache_announce, x->source.context);
   }
@@ -174,12 +181,23 @@ static void announce(texture *x, uint32_t step) {
  * everything decompressed, so a few blocks tell first whether that is worth it. */
 static void decode_ahead(texture *x) {
   enum { STEP = 13 }; /* mostly no divisor of a row's blocks */
+  const uint32_t block_count = x->mesh.block_u_count * x->mesh.block_v_count;
   size_t announced_count, missing_count;
-  announce(x, STEP);
+  announce(x, 0, block_count, STEP);
   block_cache_forget_announced(x->ahead, &announced_count, &missing_count);
   if (2 * missing_count < announced_count || STEP * missing_count < x->least_count) return;
-  announce(x, 1);
-  block_cache_decompress_announced(x->ahead, x->thread_count);
+  announce(x, 0, block_count, 1);
+  block_cache_decompress_announced(x->ahead, x->thread_count, true);
+}
+
+void texture_look_ahead(texture *x, const camera *c, const atomic_bool *stop) {
+  if (!x->ahead || x->depth) return;
+  const uint32_t row = x->mesh.block_u_count, block_count = row * x->mesh.block_v_count;
+  look_from(x, c);
+  for (uint32_t block = 0; block < block_count && !atomic_load(stop); block += row) {
+    announce(x, block, block + row, 1);
+    block_cache_decompress_announced(x->ahead, 1, false);
+  }
 }
 
 /* What an update did with a block. */
@@ -233,9 +251,7 @@ void texture_update(texture *x, const camera *c, direction_bend bend) {
   const uint32_t block_u_count = mesh->block_u_count, block_v_count = mesh->block_v_count;
   const size_t block_count = (size_t)block_u_count * block_v_count;
   update u = {x, bend, x->mix_thread_count > 1 && x->made_count >= x->least_made_count};
-  find_visible(x, c);
-  for (uint32_t i = 0; i < mesh->vertex_count; i++)
-    view_direction(&mesh->vertices[i], c->location, &x->s[i], &x->t[i]);
+  look_from(x, c);
   if (x->thread_count > 1 && !bend.bend && !x->depth) decode_ahead(x);
   if (x->depth) depth_mixer_begin_frame(x->depth);
   memset(x->updated, BLOCK_WAITS, block_count);

@@ -10,6 +10,8 @@
 #ifndef TEXTURE_H
 #define TEXTURE_H
 
+#include <stdatomic.h>
+
 #include "block_cache.h"
 #include "camera.h"
 #include "depth_mix.h"
@@ -73,6 +75,10 @@ void texture_use_slices(texture *x, uint32_t s_count, uint32_t t_count, block_so
  * same. Not done for ripples and for the mix by depth. */
 void texture_decode_ahead(texture *x, block_cache *cache, uint32_t thread_count,
                           size_t least_count);
+/* Between updates: decompresses what one for camera `c` would have to, on the caller's thread, a
+ * row of blocks after the other until *stop is set. Nobody else uses the texture or the cache
+ * meanwhile. Not done for the mix by depth nor without texture_decode_ahead. */
+void texture_look_ahead(texture *x, const camera *c, const atomic_bool *stop);
 /* The mix by depth goes on that many threads, in updates after one that made at least
  * least_made_count blocks: less is not worth waiting for a thread. What comes out is the same. */
 void texture_mix_together(texture *x, uint32_t thread_count, uint32_t least_made_count);

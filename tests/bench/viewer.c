@@ -111,9 +111,17 @@ static double frame_ns(scene *x, const slf_view *view, size_t *texels) {
   return 1e9 * (clock_s(CLOCK_THREAD_CPUTIME_ID) - start_s);
 }
 
-/* A step of half a degree about what the view looks at. */
-static void step(slf_view *view) {
-  view_orbit(view, 0.5f * (float)M_PI / 180, 0);
+/* Half a degree a frame about what the view looks at. */
+#define STEP_RAD (0.5f * (float)M_PI / 180)
+
+/* What the viewer does on another thread while a frame is drawn, for the next one. */
+static double look_ahead_ns(scene *x, const slf_view *view, const slf_view *before) {
+  const atomic_bool stop = false;
+  slf_view ahead = view_ahead(view, before);
+  camera c = camera_of_view(&ahead, 4, 3);
+  double start_s = clock_s(CLOCK_THREAD_CPUTIME_ID);
+  for (uint32_t i = 0; i < x->count; i++) texture_look_ahead(&x->textures[i], &c, &stop);
+  return 1e9 * (clock_s(CLOCK_THREAD_CPUTIME_ID) - start_s);
 }
 
 /* Frames of `x` against frames of `plain`, one view, `cold` with an emptied cache each time. */
@@ -180,6 +188,54 @@ static double decompressions_per_block(scene *x, const slf_view *view) {
   return (double)decompressions / (double)blocks;
 }
 
+/* A flight of half degrees, summed over its frames. */
+typedef struct {
+  double ours_ns, theirs_ns, ahead_ns, texel_count, decompression_count;
+  double our_frames_ns[MOVING_FRAMES], their_frames_ns[MOVING_FRAMES];
+} flight;
+
+static flight fly(scene *x, scene *plain, const slf_view *from, bool looks_ahead) {
+  flight f = {0};
+  slf_view view = *from, before = *from;
+  size_t texels;
+  view_orbit(&before, -STEP_RAD, 0);
+  frame_ns(x, &view, &texels);
+  for (int i = 0; i < MOVING_FRAMES; i++) {
+    if (looks_ahead) f.ahead_ns += look_ahead_ns(x, &view, &before);
+    before = view;
+    view_orbit(&view, STEP_RAD, 0);
+    f.ours_ns += f.our_frames_ns[i] = frame_ns(x, &view, &texels);
+    f.theirs_ns += f.their_frames_ns[i] = frame_ns(plain, &view, &texels);
+    f.texel_count += (double)texels;
+    f.decompression_count += (double)block_cache_get_counts(x->cache)->frame_decompressions;
+  }
+  return f;
+}
+
+/* At first the cache is empty, so every block is new once; when the same is flown again, none is;
+ * and once more from an empty cache, looking ahead. */
+static void bench_flights(scene *x, scene *plain, const slf_view *view, const char *name) {
+  block_cache_clear(x->cache);
+  flight first = fly(x, plain, view, false), again = fly(x, plain, view, false);
+  for (uint32_t i = 0; i < x->count; i++) texture_decode_ahead(&x->textures[i], x->cache, 1, 0);
+  block_cache_clear(x->cache);
+  flight ahead = fly(x, plain, view, true);
+  for (uint32_t i = 0; i < x->count; i++) texture_decode_ahead(&x->textures[i], NULL, 1, 0);
+  print_figure("moving_vs_uncompressed", name, first.ours_ns / first.theirs_ns);
+  print_figure("moving_warm_vs_uncompressed", name, again.ours_ns / again.theirs_ns);
+  print_figure("moving_ahead_vs_uncompressed", name, ahead.ours_ns / ahead.theirs_ns);
+  print_figure("look_ahead_vs_uncompressed", name, ahead.ahead_ns / ahead.theirs_ns);
+  print_figure("resample_ns_per_texel_moving", name, first.ours_ns / first.texel_count);
+  print_figure("uncompressed_ns_per_texel_moving", name, first.theirs_ns / first.texel_count);
+  print_figure("decompressions_per_frame_moving", name, first.decompression_count / MOVING_FRAMES);
+  print_figure("decompressions_per_frame_moving_ahead", name,
+               ahead.decompression_count / MOVING_FRAMES);
+  print_figure("frame_ms_moving", name, median(first.our_frames_ns, MOVING_FRAMES) / 1e6);
+  print_figure("frame_ms_moving_ahead", name, median(ahead.our_frames_ns, MOVING_FRAMES) / 1e6);
+  print_figure("uncompressed_frame_ms_moving", name,
+               median(first.their_frames_ns, MOVING_FRAMES) / 1e6);
+}
+
 static void bench(const slf_file *file, const char *name) {
   scene plain, warm, small;
   size_t texels;
@@ -212,41 +268,13 @@ static void bench(const slf_file *file, const char *name) {
     print_figure(key, name, decompressions_per_block(&small, &view));
     close_scene(&small);
   }
-  /* A flight of half degrees: at first the cache is empty, so every block is new once; when the
-   * same is flown again, none is. */
-  double ours[2] = {0}, theirs[2] = {0}, texel_sum = 0;
-  double our_frames[MOVING_FRAMES], their_frames[MOVING_FRAMES];
-  uint64_t decompressions = 0;
-  block_cache_clear(warm.cache);
-  for (int flight = 0; flight < 2; flight++) {
-    slf_view moving = view;
-    frame_ns(&warm, &moving, &texels);
-    for (int i = 0; i < MOVING_FRAMES; i++) {
-      step(&moving);
-      double our_ns = frame_ns(&warm, &moving, &texels);
-      double their_ns = frame_ns(&plain, &moving, &texels);
-      ours[flight] += our_ns;
-      theirs[flight] += their_ns;
-      if (flight) continue;
-      our_frames[i] = our_ns;
-      their_frames[i] = their_ns;
-      texel_sum += (double)texels;
-      decompressions += block_cache_get_counts(warm.cache)->frame_decompressions;
-    }
-  }
-  print_figure("moving_vs_uncompressed", name, ours[0] / theirs[0]);
-  print_figure("moving_warm_vs_uncompressed", name, ours[1] / theirs[1]);
-  print_figure("resample_ns_per_texel_moving", name, ours[0] / texel_sum);
-  print_figure("uncompressed_ns_per_texel_moving", name, theirs[0] / texel_sum);
-  print_figure("decompressions_per_frame_moving", name, (double)decompressions / MOVING_FRAMES);
+  bench_flights(&warm, &plain, &view, name);
   double still[ROUNDS];
   frame_ns(&warm, &view, &texels);
   for (int i = 0; i < ROUNDS; i++) still[i] = frame_ns(&warm, &view, &texels);
   print_figure("frame_ms_warm", name, median(still, ROUNDS) / 1e6);
   for (int i = 0; i < ROUNDS; i++) still[i] = frame_ns(&plain, &view, &texels);
   print_figure("uncompressed_frame_ms_warm", name, median(still, ROUNDS) / 1e6);
-  print_figure("frame_ms_moving", name, median(our_frames, MOVING_FRAMES) / 1e6);
-  print_figure("uncompressed_frame_ms_moving", name, median(their_frames, MOVING_FRAMES) / 1e6);
   print_figure("texels_per_frame", name, (double)texels);
   print_figure("blocks_per_frame", name, (double)block_cache_get_counts(warm.cache)->frame_lookups);
   close_scene(&warm);

@@ -48,9 +48,22 @@ static int remove_file(void **state) {
   return unlink(path);
 }
 
-/* Eight frames of a flight over both squares, texels appended to `picture`. */
-static block_cache_counts fly(size_t capacity, uint32_t thread_count, uint8_t *picture,
-                              size_t *most_resident) {
+enum { FRAMES = 8 };
+
+static camera flight_at(int frame) {
+  slf_view view = {.location = {0.3f + 0.05f * (float)(frame / 2), 0.4f, 0.2f},
+                   .look_at = {0.5f, 0, 0.5f},
+                   .angle_deg = 120};
+  return camera_of_view(&view, 1, 1);
+}
+
+/* What a flight does between its frames; NULL: nothing. */
+typedef void look_ahead(texture x[2], const camera *next);
+
+/* Frames of a flight over both squares, texels appended to `picture`. *late: blocks decompressed in
+ * a frame, but for the first one. */
+static block_cache_counts fly(size_t capacity, uint32_t thread_count, look_ahead *ahead,
+                              uint8_t *picture, size_t *most_resident, uint64_t *late) {
   block_cache *cache = block_cache_create(file, capacity);
   assert_non_null(cache);
   texture x[2];
@@ -60,12 +73,9 @@ static block_cache_counts fly(size_t capacity, uint32_t thread_count, uint8_t *p
                                block_cache_layer(cache, i, 0), UV_DICE_PX));
     texture_decode_ahead(&x[i], cache, thread_count, 0);
   }
-  *most_resident = 0;
-  for (int frame = 0; frame < 8; frame++) {
-    slf_view view = {.location = {0.3f + 0.05f * (float)(frame / 2), 0.4f, 0.2f},
-                     .look_at = {0.5f, 0, 0.5f},
-                     .angle_deg = 120};
-    camera c = camera_of_view(&view, 1, 1);
+  *most_resident = *late = 0;
+  for (int frame = 0; frame < FRAMES; frame++) {
+    const camera c = flight_at(frame), next = flight_at(frame + 1);
     block_cache_begin_frame(cache);
     for (int i = 0; i < 2; i++) {
       texture_update(&x[i], &c, (direction_bend){0});
@@ -75,6 +85,8 @@ static block_cache_counts fly(size_t capacity, uint32_t thread_count, uint8_t *p
       if (block_cache_resident(cache) > *most_resident)
         *most_resident = block_cache_resident(cache);
     }
+    if (frame) *late += block_cache_get_counts(cache)->frame_decompressions;
+    if (ahead) ahead(x, &next);
   }
   block_cache_counts counts = *block_cache_get_counts(cache);
   for (int i = 0; i < 2; i++) texture_free(&x[i]);
@@ -82,16 +94,17 @@ static block_cache_counts fly(size_t capacity, uint32_t thread_count, uint8_t *p
   return counts;
 }
 
-enum { PICTURE_NBYTES = 8 * 2 * 48 * 48 * 8 };
+enum { PICTURE_NBYTES = FRAMES * 2 * 48 * 48 * 8 };
 
 static void test_any_capacity_gives_the_same_bytes(void **state) {
   (void)state;
   static const size_t capacities[] = {0, 1, 3, 4, 5, 100, 1000, 65536};
   uint8_t *reference = malloc(PICTURE_NBYTES), *picture = malloc(PICTURE_NBYTES);
-  uint64_t lookups = 0, fewest = UINT64_MAX, distinct = 0, again = 0;
+  uint64_t lookups = 0, fewest = UINT64_MAX, distinct = 0, again = 0, late;
   for (size_t i = 0; i < sizeof capacities / sizeof *capacities; i++) {
     size_t resident;
-    block_cache_counts counts = fly(capacities[i], 1, i ? picture : reference, &resident);
+    block_cache_counts counts =
+        fly(capacities[i], 1, NULL, i ? picture : reference, &resident, &late);
     print_message("capacity %5zu: %llu look-ups, %llu decompressions, at most %zu resident\n",
                   capacities[i], (unsigned long long)counts.lookups,
                   (unsigned long long)counts.decompressions, resident);
@@ -123,10 +136,11 @@ static void test_decoding_ahead(void **state) {
   static const size_t capacities[] = {0, 1, 3, 100, 1000, 65536};
   uint8_t *reference = malloc(PICTURE_NBYTES), *picture = malloc(PICTURE_NBYTES);
   size_t resident;
-  block_cache_counts alone = fly(65536, 1, reference, &resident), counts;
+  uint64_t late;
+  block_cache_counts alone = fly(65536, 1, NULL, reference, &resident, &late), counts;
   for (size_t i = 0; i < sizeof capacities / sizeof *capacities; i++)
     for (uint32_t thread_count = 2; thread_count <= 5; thread_count++) {
-      counts = fly(capacities[i], thread_count, picture, &resident);
+      counts = fly(capacities[i], thread_count, NULL, picture, &resident, &late);
       assert_memory_equal(picture, reference, PICTURE_NBYTES);
       assert_int_equal(counts.lookups, alone.lookups);
       assert_int_equal(counts.lookups, counts.hits + counts.decompressions);
@@ -137,6 +151,46 @@ static void test_decoding_ahead(void **state) {
   assert_int_equal(counts.decompressions, alone.decompressions);
   assert_int_equal(counts.decompressions_again, 0);
   assert_int_equal(counts.hits, alone.hits);
+  free(reference);
+  free(picture);
+}
+
+static void look_at_next(texture x[2], const camera *next) {
+  const atomic_bool stop = false;
+  for (int i = 0; i < 2; i++) texture_look_ahead(&x[i], next, &stop);
+}
+
+static void look_no_further(texture x[2], const camera *next) {
+  const atomic_bool stop = true;
+  for (int i = 0; i < 2; i++) texture_look_ahead(&x[i], next, &stop);
+}
+
+/* Between frames: the same picture, and nothing left to decompress in the frames themselves. */
+static void test_looking_ahead(void **state) {
+  (void)state;
+  static const size_t capacities[] = {0, 1, 3, 100, 1000, 65536};
+  uint8_t *reference = malloc(PICTURE_NBYTES), *picture = malloc(PICTURE_NBYTES);
+  size_t resident;
+  uint64_t late, late_alone;
+  block_cache_counts alone = fly(65536, 1, NULL, reference, &resident, &late_alone), counts;
+  assert_true(late_alone > 0);
+  for (size_t i = 0; i < sizeof capacities / sizeof *capacities; i++) {
+    counts = fly(capacities[i], 1, look_at_next, picture, &resident, &late);
+    assert_memory_equal(picture, reference, PICTURE_NBYTES);
+    assert_int_equal(counts.lookups, alone.lookups);
+    assert_true(resident <= capacities[i] + 2 * BLOCK_MAX_SLICES);
+    /* At most a quarter of the capacity a frame. */
+    const uint64_t in_frames = counts.lookups - counts.hits;
+    assert_true(counts.decompressions - in_frames <= FRAMES * (capacities[i] / 4));
+  }
+  /* The last cache holds all: each block was decompressed once, those of frame FRAMES among them.
+   */
+  assert_int_equal(late, 0);
+  assert_int_equal(counts.decompressions_again, 0);
+  assert_true(counts.decompressions > alone.decompressions);
+  counts = fly(65536, 1, look_no_further, picture, &resident, &late);
+  assert_int_equal(counts.decompressions, alone.decompressions);
+  assert_int_equal(late, late_alone);
   free(reference);
   free(picture);
 }
@@ -459,6 +513,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_any_capacity_gives_the_same_bytes),
       cmocka_unit_test(test_decoding_ahead),
+      cmocka_unit_test(test_looking_ahead),
       cmocka_unit_test(test_counts_of_a_frame_and_the_map),
       cmocka_unit_test(test_random_fetches),
       cmocka_unit_test(test_fetching_later),

@@ -172,11 +172,42 @@ static void test_camera_is_pov_rays(void **state) {
   }
 }
 
+static float distance(const float a[3], const float b[3]) {
+  return hypotf(hypotf(a[0] - b[0], a[1] - b[1]), a[2] - b[2]);
+}
+
+static void test_goes_on_as_it_does(void **state) {
+  (void)state;
+  const slf_view before = {.location = {3, 1, -4}, .look_at = {0, 1, 0}, .angle_deg = 50};
+  slf_view view = before, next;
+  view_walk(&view, 0.1f, 0, 0.2f);
+  next = view;
+  view_walk(&next, 0.1f, 0, 0.2f);
+  slf_view ahead = view_ahead(&view, &before);
+  /* A few roundings of numbers up to 4. */
+  assert_true(distance(ahead.location, next.location) < 4e-6f);
+  assert_true(distance(ahead.look_at, next.look_at) < 4e-6f);
+  /* On a circle of radius 5 the second difference is 5 step^2. */
+  const float step_rad = 0.01f;
+  view = next = before;
+  view_orbit(&view, step_rad, 0);
+  view_orbit(&next, 2 * step_rad, 0);
+  ahead = view_ahead(&view, &before);
+  assert_true(distance(ahead.location, next.location) < 5 * step_rad * step_rad + 4e-6f);
+  view.location[0] = 3e38f;
+  view.look_at[1] = NAN;
+  ahead = view_ahead(&view, &before);
+  for (int k = 0; k < 3; k++) {
+    assert_true(fabsf(ahead.location[k]) <= CAMERA_FAR);
+    assert_true(fabsf(ahead.look_at[k]) <= CAMERA_FAR);
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_passes_through_its_keys), cmocka_unit_test(test_is_smooth),
       cmocka_unit_test(test_refuses_what_is_no_path), cmocka_unit_test(test_files),
-      cmocka_unit_test(test_camera_is_pov_rays),
+      cmocka_unit_test(test_camera_is_pov_rays),      cmocka_unit_test(test_goes_on_as_it_does),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
