@@ -232,8 +232,7 @@ static void measure(const slf_file *file, const char *name, uint32_t cells, tabl
   print_figure("pond_disturbed_vs_uncompressed_cpu", key, disturbed.ratio_cpu);
   print_figure("pond_fps_disturbed", key, disturbed.fps);
   const water_counts rays = water_get_counts(cached.water);
-  print_figure("pond_below_horizon_share", key,
-               (double)rays.below_count / (double)rays.ray_count);
+  print_figure("pond_below_horizon_share", key, (double)rays.below_count / (double)rays.ray_count);
   drawing_free(cached.drawing);
 
   cached = open_scene(file, small);
