@@ -84,11 +84,14 @@ static uint64_t home_of(const block_cache *cache, uint64_t key) {
   return ((group * 0x9e3779b97f4a7c15u >> 20 << 2) + within) & cache->table_mask;
 }
 
+static uint64_t find_from(const block_cache *cache, uint64_t home, uint64_t key) {
+  while (cache->table[home].key != key && cache->table[home].key != no_key)
+    home = (home + 1) & cache->table_mask;
+  return home;
+}
+
 static uint64_t find_entry(const block_cache *cache, uint64_t key) {
-  uint64_t i = home_of(cache, key);
-  while (cache->table[i].key != key && cache->table[i].key != no_key)
-    i = (i + 1) & cache->table_mask;
-  return i;
+  return find_from(cache, home_of(cache, key), key);
 }
 
 /* Removes an entry and closes the gap, so that no probe sequence is broken. */
@@ -302,12 +305,14 @@ static size_t look_up(cached_layer *layer, uint32_t block_u, uint32_t block_v,
                       slice_index *missing, uint8_t **targets) {
   block_cache *cache = layer->cache;
   size_t missing_count = 0;
-  uint64_t base = place_key(layer, block_u, block_v);
-  for (size_t i = 0; i < count; i++)
-    __builtin_prefetch(&cache->table[home_of(cache, base | slices[i])]);
+  uint64_t base = place_key(layer, block_u, block_v), homes[BLOCK_MAX_SLICES];
+  for (size_t i = 0; i < count; i++) {
+    homes[i] = home_of(cache, base | slices[i]);
+    __builtin_prefetch(&cache->table[homes[i]]);
+  }
   for (size_t i = 0; i < count; i++) {
     uint64_t key = base | slices[i];
-    table_entry *entry = &cache->table[find_entry(cache, key)];
+    table_entry *entry = &cache->table[find_from(cache, homes[i], key)];
     if (entry->key != key) {
       missing[missing_count] = slices[i];
       targets[missing_count++] = take_slot(cache, entry, key);
