@@ -285,8 +285,10 @@ static void test_flight(void **state) {
   texture x;
   assert_true(texture_create(&x, &surface->mesh, &surface->layers[0],
                              block_cache_layer(cache, 0, 0), UV_DICE_PX));
+  texture_decode_ahead(&x, cache, 1, 0);
   srand(4);
   size_t made = 0, allocated = 0;
+  slf_view before = {.angle_deg = 90};
   for (int frame = 0; frame < 10000; frame++) {
     static const float scales[] = {1, 1e-3f, 30, 1e6f};
     float scale = scales[frame % 4];
@@ -300,6 +302,11 @@ static void test_flight(void **state) {
     block_cache_begin_frame(cache);
     texture_update(&x, &c, (direction_bend){0});
     texture_make_levels(&x);
+    const slf_view ahead = view_ahead(&view, &before);
+    const camera expected = camera_of_view(&ahead, 4, 3);
+    const atomic_bool stop = false;
+    texture_look_ahead(&x, &expected, &stop);
+    before = view;
     made += x.made_count;
     for (uint32_t level = 0; level < x.level_count; level++)
       for (uint32_t v = 0; v < x.levels[level].height; v++) {
