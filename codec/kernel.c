@@ -1,12 +1,23 @@
 #include "codec/kernel.h"
 
-const kernel *kernel_choose(void) {
+int kernels_that_run(const kernel *kernels[MOST_KERNELS]) {
+  int count = 0;
+  kernels[count++] = &kernel_plain;
 #ifdef SLF_HAS_AVX2
-  if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi") &&
-      __builtin_cpu_supports("bmi2") && __builtin_cpu_supports("popcnt"))
-    return &kernel_avx2;
+  if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("bmi") ||
+      !__builtin_cpu_supports("bmi2") || !__builtin_cpu_supports("popcnt"))
+    return count;
+  kernels[count++] = &kernel_avx2;
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+      __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
+    kernels[count++] = &kernel_avx512;
 #endif
-  return &kernel_plain;
+  return count;
+}
+
+const kernel *kernel_choose(void) {
+  const kernel *kernels[MOST_KERNELS];
+  return kernels[kernels_that_run(kernels) - 1];
 }
 
 void shift_channels(float from[3][COEFFICIENTS], int du, int dv, float to[3][COEFFICIENTS]) {

@@ -1,15 +1,18 @@
 /* kernel.h - the hot path: find, parse, decode, transform.
  *
  * find.c, parse.c, transform.c and decode.c are compiled once for any processor (the reference)
- * and, on x86-64, once more for AVX2, BMI2 and POPCNT. Both give the same bits: integers are exact,
- * and floats are neither contracted nor reassociated. Outside of them only the table of functions
- * is seen, and kernel_choose picks it when a layer is made. */
+ * and, on x86-64, once more for AVX2, BMI2 and POPCNT, and for AVX-512. All give the same bits:
+ * integers are exact, and floats are neither contracted nor reassociated. Outside of them only the
+ * table of functions is seen, and kernel_choose picks it when a layer is made. */
 #ifndef SLF_KERNEL_H
 #define SLF_KERNEL_H
 
 #include "codec/layer.h"
 
-#ifdef SLF_KERNEL_AVX2
+#ifdef SLF_KERNEL_AVX512
+#define KERNEL(name) name##_avx512
+#define SLF_KERNEL_NAME "AVX-512"
+#elif defined SLF_KERNEL_AVX2
 #define KERNEL(name) name##_avx2
 #define SLF_KERNEL_NAME "AVX2"
 #else
@@ -157,6 +160,9 @@ struct kernel {
   void (*forward_dct)(const float texels[COEFFICIENTS], float coefficients[COEFFICIENTS]);
   void (*channels_to_codes)(const layer_state *layer, float channels[3][COEFFICIENTS],
                             uint8_t *u_block);
+  void (*levels_to_codes)(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
+                          const block_levels *block, uint32_t gain, const shift_window *shifted,
+                          uint8_t *u_block);
 
   /* Fine levels of a base block, of a group's key, of the keys around a slice, mixed. */
   void (*base)(const layer_state *layer, uint64_t place, fine_block fine);
@@ -173,12 +179,13 @@ struct kernel {
                  uint8_t *const *u_blocks);
 };
 
-extern const kernel kernel_plain;
-#ifdef SLF_HAS_AVX2
-extern const kernel kernel_avx2;
-#endif
+extern const kernel kernel_plain, kernel_avx2, kernel_avx512; /* the last two on x86-64 only */
+enum { MOST_KERNELS = 3 };
 
-/* The best kernel that this processor runs. */
+/* The kernels that this processor runs, the best one last; returns how many. */
+int kernels_that_run(const kernel *kernels[MOST_KERNELS]);
+
+/* The best of them. */
 const kernel *kernel_choose(void);
 
 /* The motion scheme's shift: edges repeat. */

@@ -39,29 +39,9 @@ static inline __attribute__((always_inline)) lanes to_lanes(short_lanes x) {
 #endif
 }
 
-/* Arai, Agui and Nakajima's inverse along the index, in each lane. Where it is `low`, the upper
- * four are zeros, and what adds them is left out. */
-static inline __attribute__((always_inline)) void inverse_pass(lanes b[8], bool low) {
-  lanes even0 = low ? b[0] : b[0] + b[4], even1 = low ? b[0] : b[0] - b[4];
-  lanes even3 = low ? b[2] : b[2] + b[6];
-  lanes even2 = (low ? b[2] : b[2] - b[6]) * splat(1.414213562f) - even3;
-  lanes x0 = even0 + even3, x3 = even0 - even3, x1 = even1 + even2, x2 = even1 - even2;
-  lanes z13 = low ? b[3] : b[5] + b[3], z10 = low ? -b[3] : b[5] - b[3];
-  lanes z11 = low ? b[1] : b[1] + b[7], z12 = low ? b[1] : b[1] - b[7];
-  lanes y7 = z11 + z13;
-  lanes y11 = (z11 - z13) * splat(1.414213562f);
-  lanes z5 = (z10 + z12) * splat(1.847759065f);
-  lanes y10 = z5 - z12 * splat(1.082392200f), y12 = z5 - z10 * splat(2.613125930f);
-  lanes y6 = y12 - y7, y5 = y11 - y6, y4 = y10 - y5;
-  b[0] = x0 + y7;
-  b[7] = x0 - y7;
-  b[1] = x1 + y6;
-  b[6] = x1 - y6;
-  b[2] = x2 + y5;
-  b[5] = x2 - y5;
-  b[3] = x3 + y4;
-  b[4] = x3 - y4;
-}
+#define LANES lanes
+#define INVERSE_PASS inverse_pass
+#include "codec/inverse_pass.h"
 
 static inline __attribute__((always_inline)) void transpose(lanes b[8]) {
   lanes p[8], q[8];
@@ -314,6 +294,122 @@ static inline __attribute__((always_inline)) void put_flat_chroma(const layer_st
   for (int y = 0; y < 8; y++) pack_codes(b[y] + red, b[y] + green, b[y] + blue, u_block + 32 * y);
 }
 
+/* ---- Two channels at once ------------------------------------------------------------------ */
+
+/* With 512 bits chroma's channels are transformed side by side, and colours made of two rows. */
+#ifdef __AVX512F__
+typedef float pairs __attribute__((vector_size(64)));
+#define LANES pairs
+#define INVERSE_PASS inverse_pass_of_pairs
+#include "codec/inverse_pass.h"
+
+static inline __attribute__((always_inline)) void transpose_pairs(pairs b[8]) {
+  pairs p[8], q[8];
+  for (int i = 0; i < 8; i += 2) {
+    p[i] = (pairs)_mm512_unpacklo_ps((__m512)b[i], (__m512)b[i + 1]);
+    p[i + 1] = (pairs)_mm512_unpackhi_ps((__m512)b[i], (__m512)b[i + 1]);
+  }
+  for (int i = 0; i < 8; i += 4)
+    for (int k = 0; k < 2; k++) {
+      q[i + 2 * k] = (pairs)_mm512_unpacklo_pd((__m512d)p[i + k], (__m512d)p[i + k + 2]);
+      q[i + 2 * k + 1] = (pairs)_mm512_unpackhi_pd((__m512d)p[i + k], (__m512d)p[i + k + 2]);
+    }
+  const __m512i low = _mm512_setr_epi64(0, 1, 8, 9, 4, 5, 12, 13);
+  const __m512i high = _mm512_setr_epi64(2, 3, 10, 11, 6, 7, 14, 15);
+  for (int i = 0; i < 4; i++) {
+    __m512d even = (__m512d)q[i], odd = (__m512d)q[i + 4];
+    b[i] = (pairs)_mm512_permutex2var_pd(even, low, odd);
+    b[i + 4] = (pairs)_mm512_permutex2var_pd(even, high, odd);
+  }
+}
+
+static inline __attribute__((always_inline)) __m256i pair_words(const int16_t *a,
+                                                                const int16_t *b) {
+  __m128i low = _mm_loadu_si128((const __m128i *)a), high = _mm_loadu_si128((const __m128i *)b);
+  return _mm256_inserti128_si256(_mm256_castsi128_si256(low), high, 1);
+}
+
+static inline __attribute__((always_inline)) pairs pair(lanes a, lanes b) {
+  return (pairs)_mm512_insertf32x8(_mm512_castps256_ps512((__m256)a), (__m256)b, 1);
+}
+
+static inline __attribute__((always_inline)) pairs to_pairs(__m256i words) {
+  return (pairs)_mm512_cvtepi32_ps(_mm512_cvtepi16_epi32(words));
+}
+
+/* channel_texels of both chroma channels. */
+static inline __attribute__((always_inline)) void
+chroma_texels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
+              const block_levels *block, uint32_t gain, pairs b[8]) {
+#pragma GCC unroll 8
+  for (int i = 0; i < COEFFICIENTS; i += 8) {
+    __m256i level = pair_words(block->levels[1] + i, block->levels[2] + i);
+    level = _mm256_mullo_epi16(level, _mm256_set1_epi16((short)gain));
+    if (prediction)
+      level = _mm256_add_epi16(level, pair_words(prediction[1] + i, prediction[2] + i));
+    b[i / 8] = to_pairs(level) * pair(*(const lanes_at *)(layer->scales[1] + i),
+                                      *(const lanes_at *)(layer->scales[2] + i));
+  }
+  inverse_pass_of_pairs(b, false);
+  transpose_pairs(b);
+  inverse_pass_of_pairs(b, false);
+}
+
+/* What a window shows of a channel in two rows. */
+static inline __attribute__((always_inline)) pairs
+shifted_rows(const layer_state *layer, const shift_window *shifted, int c, int y) {
+  const int16_t *from = shifted->channels + c * WINDOW_CHANNEL + shifted->begin + y * WINDOW_ROW;
+  return to_pairs(pair_words(from, from + WINDOW_ROW)) * (1 / layer->difference_one);
+}
+
+static inline __attribute__((always_inline)) void pack_pairs(const pairs rgb[3], uint8_t *to) {
+  __m512i r = _mm512_cvttps_epi32((__m512)rgb[0]), g = _mm512_cvttps_epi32((__m512)rgb[1]);
+  __m512i b = _mm512_cvttps_epi32((__m512)rgb[2]), x = _mm512_set1_epi32(255);
+  __m512i bytes = _mm512_packus_epi16(_mm512_packs_epi32(r, g), _mm512_packs_epi32(b, x));
+  const __m512i order = _mm512_set4_epi32(0x0f0b0703, 0x0e0a0602, 0x0d090501, 0x0c080400);
+  _mm512_storeu_si512(to, _mm512_shuffle_epi8(bytes, order));
+}
+
+/* As put_codes does. */
+static inline __attribute__((always_inline)) void put_pairs(const layer_state *layer,
+                                                            const pairs b[3], uint8_t *to) {
+  const float(*m)[3] = layer->to_rgb;
+  pairs rgb[3], luma = b[0] + 128.5f;
+  if (layer->own_colours) {
+#pragma GCC unroll 3
+    for (int k = 0; k < 3; k++) rgb[k] = m[k][0] * b[0] + m[k][1] * b[1] + m[k][2] * b[2] + 128.5f;
+  } else {
+    rgb[0] = luma + m[0][2] * b[2];
+    rgb[1] = luma + m[1][1] * b[1] + m[1][2] * b[2];
+    rgb[2] = luma + m[2][1] * b[1];
+  }
+  pack_pairs(rgb, to);
+}
+
+static inline __attribute__((always_inline)) void
+pairs_to_codes(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
+               const block_levels *block, uint32_t gain, const shift_window *shifted,
+               uint8_t *u_block) {
+  lanes luma[8];
+  pairs chroma[8];
+  if (prediction)
+    channel_texels(prediction[0], block->levels[0], (uint16_t)gain, layer->scales[0], false, luma);
+  else
+    own_texels(block, 0, (uint16_t)gain, layer->scales[0], luma);
+  chroma_texels(layer, prediction, block, gain, chroma);
+#pragma GCC unroll 4
+  for (int y = 0; y < 8; y += 2) {
+    __m512 above = (__m512)chroma[y], below = (__m512)chroma[y + 1];
+    pairs b[3] = {pair(luma[y], luma[y + 1]), (pairs)_mm512_shuffle_f32x4(above, below, 0x44),
+                  (pairs)_mm512_shuffle_f32x4(above, below, 0xee)};
+    if (shifted)
+#pragma GCC unroll 3
+      for (int c = 0; c < 3; c++) b[c] += shifted_rows(layer, shifted, c, y);
+    put_pairs(layer, b, u_block + 32 * y);
+  }
+}
+#endif
+
 void levels_to_codes(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
                      const block_levels *block, uint32_t gain, const shift_window *shifted,
                      uint8_t *u_block) {
@@ -321,6 +417,12 @@ void levels_to_codes(const layer_state *layer, const int16_t prediction[3][COEFF
     put_flat_chroma(layer, block, gain, u_block);
     return;
   }
+#ifdef __AVX512F__
+  if (prediction || block->last_k[1] > LOW_LAST_K || block->last_k[2] > LOW_LAST_K) {
+    pairs_to_codes(layer, prediction, block, gain, shifted, u_block);
+    return;
+  }
+#endif
   lanes b[3][8];
   make_texels(layer, prediction, block, gain, shifted, b);
   put_codes(layer, b, u_block);

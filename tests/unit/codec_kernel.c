@@ -1,4 +1,4 @@
-/* The transform, the Huffman codes, the index; and the two kernels give the same bits. */
+/* The transform, the Huffman codes, the index; and all kernels give the same bits. */
 #include "codec/file.h"
 #include "codec/kernel.h"
 
@@ -20,15 +20,13 @@ static uint32_t random_u32(void) { /* xorshift64* */
   return (uint32_t)(random_state * 2685821657736338717u >> 32);
 }
 
-static const kernel *kernels[2];
+static const kernel *kernels[MOST_KERNELS];
 static int kernel_count;
 
 static int find_kernels(void **state) {
   (void)state;
-  kernels[kernel_count++] = &kernel_plain;
-  if (kernel_choose() != &kernel_plain) kernels[kernel_count++] = kernel_choose();
-  print_message("  kernels: %s%s%s\n", kernels[0]->name, kernel_count > 1 ? ", " : "",
-                kernel_count > 1 ? kernels[1]->name : "");
+  kernel_count = kernels_that_run(kernels);
+  for (int k = 0; k < kernel_count; k++) print_message("  kernel: %s\n", kernels[k]->name);
   return 0;
 }
 
@@ -123,6 +121,13 @@ static void forward_undoes_inverse(void **state) {
     }
 }
 
+static void random_colours(layer_state *layer) {
+  int16_t to_rgb[3][3]; /* any that a file can have */
+  for (int i = 0; i < 9; i++) to_rgb[i / 3][i % 3] = (int16_t)random_u32();
+  layer_set_jfif_colours(layer);
+  if (random_u32() % 2) layer_set_own_colours(layer, (const int16_t(*)[3])to_rgb);
+}
+
 static void kernels_transform_alike(void **state) {
   (void)state;
   if (kernel_count < 2) skip();
@@ -130,29 +135,55 @@ static void kernels_transform_alike(void **state) {
     /* From faint to far beyond what a file can ask for. */
     union {
       float channels[3][64], all[192];
-    } a, b;
+    } from, x[MOST_KERNELS];
     float scale = exp2f((float)(n % 24) - 2);
     for (int i = 0; i < 192; i++)
-      a.all[i] =
+      from.all[i] =
           n % 7 == 0 && random_u32() % 4 ? 0 : ((float)random_u32() / 2147483648.0f - 1) * scale;
-    b = a;
-    uint8_t codes[2][SLF_BLOCK_NBYTES];
+    float forward[MOST_KERNELS][64];
+    uint8_t codes[MOST_KERNELS][SLF_BLOCK_NBYTES];
     layer_state layer = {.level_shift = 128};
-    int16_t to_rgb[3][3]; /* any that a file can have */
-    for (int i = 0; i < 9; i++) to_rgb[i / 3][i % 3] = (int16_t)random_u32();
-    layer_set_jfif_colours(&layer);
-    if (n % 2) layer_set_own_colours(&layer, (const int16_t(*)[3])to_rgb);
-    kernels[0]->channels_to_codes(&layer, a.channels, codes[0]);
-    kernels[1]->channels_to_codes(&layer, b.channels, codes[1]);
-    assert_memory_equal(codes[0], codes[1], SLF_BLOCK_NBYTES);
-    for (int c = 0; c < 3; c++) {
-      kernels[0]->inverse_dct(a.channels[c]);
-      kernels[1]->inverse_dct(b.channels[c]);
+    random_colours(&layer);
+    for (int k = 0; k < kernel_count; k++) {
+      x[k] = from;
+      kernels[k]->channels_to_codes(&layer, x[k].channels, codes[k]);
+      for (int c = 0; c < 3; c++) kernels[k]->inverse_dct(x[k].channels[c]);
+      assert_memory_equal(codes[k], codes[0], SLF_BLOCK_NBYTES);
+      assert_memory_equal(&x[k], &x[0], sizeof x[0]);
+      kernels[k]->forward_dct(x[k].channels[0], forward[k]);
+      assert_memory_equal(forward[k], forward[0], sizeof forward[0]);
     }
-    assert_memory_equal(&a, &b, sizeof a);
-    kernels[0]->forward_dct(a.channels[0], a.channels[1]);
-    kernels[1]->forward_dct(b.channels[0], b.channels[1]);
-    assert_memory_equal(a.channels[1], b.channels[1], sizeof a.channels[1]);
+  }
+}
+
+/* Levels of all kinds of blocks, with and without what they are added to. */
+static void kernels_make_the_same_codes(void **state) {
+  (void)state;
+  if (kernel_count < 2) skip();
+  for (int n = 0; n < 20000; n++) {
+    layer_state layer = {.level_shift = 128, .difference_one = DIFFERENCE_ONE};
+    random_colours(&layer);
+    block_levels block = {.ac_flags = random_u32() % 8};
+    int16_t prediction[3][64];
+    shift_window window = {.begin = random_u32() % 8 * WINDOW_ROW + random_u32() % 8};
+    uint32_t range = 1u << random_u32() % 16; /* 16: int16 arithmetic wraps */
+    for (int i = 0; i < 3 * WINDOW_CHANNEL; i++)
+      window.channels[i] = (int16_t)(random_u32() % (2 * range) - range);
+    for (int c = 0; c < 3; c++) {
+      block.last_k[c] = block.ac_flags >> c & 1 ? random_u32() % 64 : 0;
+      for (int i = 0; i < 64; i++) {
+        layer.scales[c][i] = 1 + (float)(random_u32() % 64) / 16;
+        prediction[c][i] = (int16_t)(random_u32() % (2 * range) - range);
+      }
+      for (unsigned k = 0; k <= block.last_k[c]; k++)
+        block.levels[c][slf_zigzag[k]] = (int16_t)(random_u32() % (2 * range) - range);
+    }
+    uint8_t codes[MOST_KERNELS][SLF_BLOCK_NBYTES];
+    for (int k = 0; k < kernel_count; k++) {
+      kernels[k]->levels_to_codes(&layer, n & 1 ? prediction : NULL, &block, 1 + n % MAX_GAIN,
+                                  n & 2 ? &window : NULL, codes[k]);
+      assert_memory_equal(codes[k], codes[0], SLF_BLOCK_NBYTES);
+    }
   }
 }
 
@@ -218,8 +249,8 @@ static void kernels_parse_random_bits_alike(void **state) {
     uint8_t *bytes = calloc(1, nbytes + STREAM_PAD_NBYTES);
     for (size_t i = 0; i < nbytes; i++) bytes[i] = (uint8_t)random_u32();
     block_stream stream = {bytes, nbytes + STREAM_PAD_NBYTES, 2, n % 4 > 0};
-    entry_state states[2];
-    bit_reader readers[2];
+    entry_state states[MOST_KERNELS];
+    bit_reader readers[MOST_KERNELS];
     memset(states, 0, sizeof states);
     /* Pairs begin at whole bytes; the second of a pair goes backwards from there. */
     uint64_t begin = random_u32() % (8 * nbytes), entry = n % 2;
@@ -230,13 +261,13 @@ static void kernels_parse_random_bits_alike(void **state) {
       kernels[k]->begin(&readers[k], &stream, entry, begin);
     }
     for (uint32_t block = 0; block < 8; block++) {
-      bool good[2] = {false};
+      bool good[MOST_KERNELS] = {false};
       for (int k = 0; k < kernel_count; k++)
         good[k] = kernels[k]->parse(tables, &readers[k], 0, block, block % 4 == 0, &states[k]);
-      if (kernel_count > 1) {
-        assert_int_equal(good[0], good[1]);
-        assert_memory_equal(&states[0], &states[1], sizeof states[0]);
-        assert_true(readers[0].bits == readers[1].bits && readers[0].count == readers[1].count);
+      for (int k = 1; k < kernel_count; k++) {
+        assert_int_equal(good[0], good[k]);
+        assert_memory_equal(&states[0], &states[k], sizeof states[0]);
+        assert_true(readers[0].bits == readers[k].bits && readers[0].count == readers[k].count);
       }
       if (!good[0]) break;
       for (int c = 0; c < 3; c++)
@@ -338,6 +369,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(inverse_transform_conforms),
                                      cmocka_unit_test(forward_undoes_inverse),
                                      cmocka_unit_test(kernels_transform_alike),
+                                     cmocka_unit_test(kernels_make_the_same_codes),
                                      cmocka_unit_test(low_frequencies_make_the_same_codes),
                                      cmocka_unit_test(kernels_parse_random_bits_alike),
                                      cmocka_unit_test(codes_come_back),
