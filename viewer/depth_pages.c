@@ -99,11 +99,13 @@ static void fetch_texels(block_source source, slice_index slice, uint32_t block_
   for (uint32_t k = 0; k < 4; k++)
     if ((right || !(k & 1)) && (below || !(k & 2)))
       fetch_block(source, slice, block_u + (k & 1), block_v + (k >> 1), blocks[k]);
-  for (uint32_t y = 0; y < 9; y++)
-    for (uint32_t x = 0; x < 9; x++) {
-      uint32_t i = smaller(x, last_u), j = smaller(y, last_v);
-      memcpy(texels[y][x], blocks[i / 8 + 2 * (j / 8)] + (j % 8 * 8 + i % 8) * 4, 4);
-    }
+  for (uint32_t y = 0; y < 9; y++) {
+    const uint32_t j = smaller(y, last_v), k = 2 * (j / 8);
+    const uint8_t *row = blocks[k] + 32 * (j % 8), *last = row + 4 * smaller(last_u, 7);
+    memcpy(texels[y], row, 32);
+    for (uint32_t x = last_u + 1; x < 9; x++) memcpy(texels[y][x], last, 4);
+    if (right) memcpy(texels[y][8], blocks[k + 1] + 32 * (j % 8), 4);
+  }
 }
 
 /* The same of heights that have fewer texels than the light. */
