@@ -23,8 +23,9 @@
 #else
 #define KERNEL depth_kernel_plain
 #endif
-/* Places are in 1/128 texel; the weights of four texels are parts of this. */
-enum { SPLIT = 128, WHOLE = SPLIT * SPLIT };
+/* Places are in 1/128 texel; a texel's and its right neighbour's weights add up to what a signed
+ * byte holds; what is read is in parts of that, and shares of slices in parts of a whole. */
+enum { SPLIT = 128, ACROSS = SPLIT - 1, WHOLE = UINT16_MAX };
 /* Of the tolerance: a guess this near is not looked at again. */
 #define MOVED_SHARE 0.5f
 #define INLINE static inline __attribute__((always_inline))
@@ -32,6 +33,7 @@ enum { SPLIT = 128, WHOLE = SPLIT * SPLIT };
 typedef float f8 __attribute__((vector_size(32)));
 typedef int32_t i8 __attribute__((vector_size(32))); /* numbers, or masks of -1 and 0 */
 typedef uint16_t u16 __attribute__((vector_size(16)));
+typedef uint16_t w16 __attribute__((vector_size(32)));
 typedef int8_t c8 __attribute__((vector_size(8)));
 
 /* ---- Eight numbers -----------------------------------------------------------------------------
@@ -295,11 +297,10 @@ INLINE reading find(const depth_field *field, const sight *s, f8 x, f8 y) {
   return r;
 }
 
-/* The weights of the upper two texels and of the lower two, two in one number. */
-INLINE void weights_of(const reading *r, i8 *upper, i8 *lower_two) {
-  i8 across = (r->fx << 16) - r->fx + SPLIT;
-  *lower_two = across * r->fy;
-  *upper = across * SPLIT - *lower_two;
+/* Three bytes: the weights of the left texels and of the right ones, and how far down the place is,
+ * of SPLIT. */
+INLINE i8 weights_of(const reading *r) {
+  return r->fx * 255 + ACROSS + (r->fy << 16);
 }
 
 /* As load_codes, of pages that are brought in; by itself, so that what it needs costs nothing where
@@ -325,7 +326,7 @@ INLINE f8 look(depth_field *field, const reading *r) {
   load_codes(bytes + 4 * PAGE_ROW_TEXELS, texel, &c, &d);
   i8 range = higher(higher(a, b), higher(c, d)) - lower(lower(a, b), lower(c, d));
   i8 top = a * SPLIT + r->fx * (b - a), bottom = c * SPLIT + r->fx * (d - c);
-  f8 code = to_float(top * SPLIT + r->fy * (bottom - top)) * (1.0f / WHOLE);
+  f8 code = to_float(top * SPLIT + r->fy * (bottom - top)) * (1.0f / SPLIT / SPLIT);
   i8 right = r->fx > SPLIT / 2, below = r->fy > SPLIT / 2;
   /* Between a thing and what is behind it there is nothing. */
   i8 upper = (b & right) | (a & ~right), lower_two = (d & right) | (c & ~right);
@@ -333,71 +334,122 @@ INLINE f8 look(depth_field *field, const reading *r) {
   return choose(range > EDGE_CODES, nearest, code);
 }
 
+/* What is read of eight lanes: R G B and H of each, side by side; of lanes 0 1 4 5 and of lanes
+ * 2 3 6 7. Colours are roots until slices are mixed: what lies between two texels is nearer to what
+ * is seen there so (README.md). */
+typedef struct {
+  w16 half[2];
+} sample;
+#define CODE_UNIT (1.0f / ACROSS)
+/* Linear light is the square of twice a root, less its lower 16 bits. */
+#define WHITE (2.0f * 255 * ACROSS * 2 * 255 * ACROSS / 65536)
+#define LIGHT_UNIT (1.0f / WHITE)
+
 #if defined(__AVX2__)
-/* Sums over the four texels of each lane, R G B H: of the squares of colours, halved, and of
- * heights' codes, times 64. */
-INLINE void weigh(const uint8_t *bytes, const int32_t texel[LANES], i8 upper, i8 lower_two,
-                  i8 sums[4]) {
-  const __m256i red_green = _mm256_broadcastsi128_si256(
-      _mm_setr_epi8(0, -1, 4, -1, 1, -1, 5, -1, 8, -1, 12, -1, 9, -1, 13, -1));
-  const __m256i blue_height = _mm256_broadcastsi128_si256(
-      _mm_setr_epi8(2, -1, 6, -1, 3, -1, 7, -1, 10, -1, 14, -1, 11, -1, 15, -1));
-  __m256i rg[2], bh[2];
-  for (int row = 0; row < 2; row++) {
-    __m256i pairs[2], weights = row ? (__m256i)lower_two : (__m256i)upper;
-    load_pairs(bytes + row * 4 * PAGE_ROW_TEXELS, texel, &pairs[0], &pairs[1]);
-    for (int half = 0; half < 2; half++) {
-      __m256i w =
-          half ? _mm256_unpackhi_epi32(weights, weights) : _mm256_unpacklo_epi32(weights, weights);
-      __m256i c = _mm256_shuffle_epi8(pairs[half], red_green);
-      __m256i h = _mm256_shuffle_epi8(pairs[half], blue_height);
-      c = _mm256_srli_epi16(_mm256_mullo_epi16(c, c), 1);
-      h = _mm256_srli_epi16(
-          _mm256_mullo_epi16(h, _mm256_blend_epi16(h, _mm256_set1_epi16(128), 0xcc)), 1);
-      c = _mm256_madd_epi16(c, w), h = _mm256_madd_epi16(h, w);
-      rg[half] = row ? _mm256_add_epi32(rg[half], c) : c;
-      bh[half] = row ? _mm256_add_epi32(bh[half], h) : h;
-    }
+/* Between the four texels of each lane. */
+INLINE sample read(const uint8_t *bytes, const int32_t texel[LANES], i8 weights) {
+  const __m256i side_by_side = _mm256_broadcastsi128_si256(
+      _mm_setr_epi8(0, 4, 1, 5, 2, 6, 3, 7, 8, 12, 9, 13, 10, 14, 11, 15));
+  const __m256i across = _mm256_broadcastsi128_si256(
+      _mm_setr_epi8(0, 1, 0, 1, 0, 1, 0, 1, 4, 5, 4, 5, 4, 5, 4, 5));
+  const __m256i down = _mm256_broadcastsi128_si256(
+      _mm_setr_epi8(-1, 2, -1, 2, -1, 2, -1, 2, -1, 6, -1, 6, -1, 6, -1, 6));
+  sample r;
+  __m256i upper[2], lower_two[2];
+  load_pairs(bytes, texel, &upper[0], &upper[1]);
+  load_pairs(bytes + 4 * PAGE_ROW_TEXELS, texel, &lower_two[0], &lower_two[1]);
+  for (int k = 0; k < 2; k++) {
+    __m256i w = k ? _mm256_srli_si256((__m256i)weights, 8) : (__m256i)weights;
+    __m256i along = _mm256_shuffle_epi8(w, across);
+    __m256i a = _mm256_maddubs_epi16(_mm256_shuffle_epi8(upper[k], side_by_side), along);
+    __m256i b = _mm256_maddubs_epi16(_mm256_shuffle_epi8(lower_two[k], side_by_side), along);
+    __m256i fall = _mm256_mulhrs_epi16(_mm256_sub_epi16(b, a), _mm256_shuffle_epi8(w, down));
+    r.half[k] = (w16)_mm256_add_epi16(a, fall);
   }
-  sums[0] = even(rg[0], rg[1]), sums[1] = odd(rg[0], rg[1]);
-  sums[2] = even(bh[0], bh[1]), sums[3] = odd(bh[0], bh[1]);
+  return r;
 }
 
-/* R G B and 1 side by side, of each lane. */
-INLINE void spread(const f8 rgb[3], float rgba[LANES][4]) {
-  __m256 rb_low = _mm256_unpacklo_ps(rgb[0], rgb[2]), rb_high = _mm256_unpackhi_ps(rgb[0], rgb[2]);
-  __m256 ga_low = _mm256_unpacklo_ps(rgb[1], all(1)), ga_high = _mm256_unpackhi_ps(rgb[1], all(1));
-  __m256 lanes[4] = {_mm256_unpacklo_ps(rb_low, ga_low), _mm256_unpackhi_ps(rb_low, ga_low),
-                     _mm256_unpacklo_ps(rb_high, ga_high), _mm256_unpackhi_ps(rb_high, ga_high)};
-  for (int l = 0; l < 4; l++) {
-    _mm_storeu_ps(rgba[l], _mm256_castps256_ps128(lanes[l]));
-    _mm_storeu_ps(rgba[l + 4], _mm256_extractf128_ps(lanes[l], 1));
+INLINE i8 heights_of(const sample *r) {
+  return (i8)_mm256_srli_epi32((__m256i)odd((__m256i)r->half[0], (__m256i)r->half[1]), 16);
+}
+
+/* Adds a share, of WHOLE, of what was read as linear light. */
+INLINE void add(sample *sum, const sample *r, i8 share) {
+  const __m256i first = _mm256_broadcastsi128_si256(
+      _mm_setr_epi8(0, 1, 0, 1, 0, 1, 0, 1, 4, 5, 4, 5, 4, 5, 4, 5));
+  const __m256i last = _mm256_broadcastsi128_si256(
+      _mm_setr_epi8(8, 9, 8, 9, 8, 9, 8, 9, 12, 13, 12, 13, 12, 13, 12, 13));
+  for (int k = 0; k < 2; k++) {
+    __m256i of_each = _mm256_shuffle_epi8((__m256i)share, k ? last : first);
+    __m256i twice = (__m256i)(r->half[k] + r->half[k]);
+    sum->half[k] += (w16)_mm256_mulhi_epu16(_mm256_mulhi_epu16(twice, twice), of_each);
+  }
+}
+
+/* Half floats of two lanes, and 1. */
+INLINE void put_pair(__m128i light, uint16_t out[2][4]) {
+  __m128i with_1 = _mm_blend_epi16(light, _mm_set1_epi16((int16_t)(uint16_t)WHITE), 0x88);
+  __m256 linear = _mm256_cvtepi32_ps(_mm256_cvtepu16_epi32(with_1)) * LIGHT_UNIT;
+  _mm_storeu_si128((__m128i *)(void *)out, _mm256_cvtps_ph(linear, _MM_FROUND_TO_NEAREST_INT));
+}
+
+INLINE void put(const sample *sum, uint16_t out[LANES][4]) {
+  for (int k = 0; k < 2; k++) {
+    put_pair(_mm256_castsi256_si128((__m256i)sum->half[k]), out + 2 * k);
+    put_pair(_mm256_extracti128_si256((__m256i)sum->half[k], 1), out + 4 + 2 * k);
   }
 }
 #else
-INLINE void weigh(const uint8_t *bytes, const int32_t texel[LANES], i8 upper, i8 lower_two,
-                  i8 sums[4]) {
+/* Where lane l's R is. */
+INLINE uint16_t *of_lane(sample *r, int l) {
+  return (uint16_t *)&r->half[l >> 1 & 1] + 4 * (l & 1) + 8 * (l >> 2);
+}
+
+INLINE sample read(const uint8_t *bytes, const int32_t texel[LANES], i8 weights) {
+  sample r;
   for (int l = 0; l < LANES; l++)
     for (int c = 0; c < 4; c++) {
-      sums[c][l] = 0;
-      for (int row = 0; row < 2; row++) {
-        const uint8_t *left = bytes + 4 * ((size_t)texel[l] + (size_t)(row * PAGE_ROW_TEXELS)) + c;
-        int32_t weights = row ? lower_two[l] : upper[l];
-        int32_t a = c < 3 ? left[0] * left[0] >> 1 : left[0] * 64;
-        int32_t b = c < 3 ? left[4] * left[4] >> 1 : left[4] * 64;
-        sums[c][l] += a * (weights & 0xffff) + b * (weights >> 16);
-      }
+      const uint8_t *upper = bytes + 4 * (size_t)texel[l] + c;
+      const uint8_t *lower_two = upper + 4 * PAGE_ROW_TEXELS;
+      const int left = weights[l] & 0xff, right = weights[l] >> 8 & 0xff, down = weights[l] >> 16;
+      const int a = upper[0] * left + upper[4] * right;
+      const int b = lower_two[0] * left + lower_two[4] * right;
+      const int fall = (((b - a) * (down << 8) >> 14) + 1) >> 1; /* as the instruction rounds */
+      of_lane(&r, l)[c] = (uint16_t)(a + fall);
+    }
+  return r;
+}
+
+INLINE i8 heights_of(const sample *r) {
+  sample copy = *r;
+  i8 heights;
+  for (int l = 0; l < LANES; l++) heights[l] = of_lane(&copy, l)[3];
+  return heights;
+}
+
+INLINE void add(sample *sum, const sample *r, i8 share) {
+  sample copy = *r;
+  for (int l = 0; l < LANES; l++)
+    for (int c = 0; c < 4; c++) {
+      const uint32_t twice = 2u * of_lane(&copy, l)[c];
+      of_lane(sum, l)[c] += (uint16_t)((twice * twice >> 16) * (uint32_t)share[l] >> 16);
     }
 }
 
-INLINE void spread(const f8 rgb[3], float rgba[LANES][4]) {
-  for (int l = 0; l < LANES; l++)
-    rgba[l][0] = rgb[0][l], rgba[l][1] = rgb[1][l], rgba[l][2] = rgb[2][l], rgba[l][3] = 1;
+INLINE void put(const sample *sum, uint16_t out[LANES][4]) {
+  sample copy = *sum;
+  for (int l = 0; l < LANES; l++) {
+    for (int c = 0; c < 3; c++)
+      out[l][c] = half_from_float((float)of_lane(&copy, l)[c] * LIGHT_UNIT);
+    out[l][3] = HALF_ONE;
+  }
 }
 #endif
-/* Of sums over colours, and of their means; of sums over heights. */
-#define LIGHT_UNIT (2.0f / PAGE_WHITE / WHOLE)
-#define CODE_UNIT (1.0f / 64 / WHOLE)
+
+/* Of weights' sums: what makes shares of them. */
+INLINE f8 share_unit(f8 sum) {
+  return (float)WHOLE / sum;
+}
 
 /* ---- Eight rays --------------------------------------------------------------------------------
  */
@@ -751,46 +803,38 @@ static void take(verdict *a, const verdict *b, const i8 *mask) {
 /* ---- Mixing ------------------------------------------------------------------------------------
  */
 
-static __attribute__((noinline)) void weigh_anew(depth_field *field, const int32_t texel[LANES],
-                                                 const i8 *upper, const i8 *lower_two,
-                                                 unsigned lanes, i8 sums[4]) {
+static __attribute__((noinline)) void read_anew(depth_field *field, const int32_t texel[LANES],
+                                                const i8 *weights, unsigned lanes, sample *r) {
   load_pages(field, texel, lanes);
-  weigh(field->pages.bytes, texel, *upper, *lower_two, sums);
+  *r = read(field->pages.bytes, texel, *weights);
 }
 
-/* weigh, of pages that are brought in where lanes miss them. */
-INLINE void weigh_there(depth_field *field, const int32_t texel[LANES], i8 upper, i8 lower_two,
-                        unsigned lanes, i8 sums[4]) {
-  weigh(field->pages.bytes, texel, upper, lower_two, sums);
-  const unsigned missing = mask_bits(sums[3] == 0) & lanes;
-  if (__builtin_expect(missing != 0, 0)) {
-    i8 u = upper, l = lower_two, anew[4];
-    weigh_anew(field, texel, &u, &l, missing, anew);
-    memcpy(sums, anew, sizeof anew);
-  }
-}
-
-/* Adds what is read, by weight. */
-INLINE void add_light(depth_field *field, const reading *at, f8 weight, f8 rgb[3]) {
+/* Adds what is read, of pages that are brought in where they are missing. */
+INLINE void add_light(depth_field *field, const reading *at, f8 share, sample *sum) {
   int32_t texel[LANES];
-  i8 upper, lower_two, sums[4];
+  const i8 weights = weights_of(at);
   memcpy(texel, &at->texel, sizeof texel);
-  weights_of(at, &upper, &lower_two);
-  weigh_there(field, texel, upper, lower_two, (1u << LANES) - 1, sums);
-  for (int c = 0; c < 3; c++) rgb[c] += weight * to_float(sums[c]);
+  sample r = read(field->pages.bytes, texel, weights);
+  if (__builtin_expect(mask_bits(heights_of(&r) == 0) != 0, 0)) {
+    sample anew;
+    read_anew(field, texel, &weights, (1u << LANES) - 1, &anew);
+    r = anew;
+  }
+  add(sum, &r, to_int(share));
 }
 
 /* Mixes the lanes of the mask, the first one of each texel; returns their texels. */
 static uint64_t write(depth_field *field, depth_rays *rays, const depth_guess *guess,
                       const verdict *v, unsigned mask) {
-  float codes[LANES], scores[LANES], rgba[LANES][4];
-  f8 rgb[3] = {all(0), all(0), all(0)}, light = LIGHT_UNIT / larger(v->agreed, all(1e-6f));
+  float codes[LANES], scores[LANES];
+  uint16_t rgba[LANES][4];
+  sample sum = {{{0}}};
   uint64_t mixed = 0;
   mask &= (1u << guess->count) - 1;
   if (!mask) return 0;
-  for (int k = 0; k < 4; k++) add_light(field, &v->at[k], v->weight[k], rgb);
-  for (int c = 0; c < 3; c++) rgb[c] *= light;
-  spread(rgb, rgba);
+  const f8 unit = share_unit(larger(v->agreed, all(1e-6f)));
+  for (int k = 0; k < 4; k++) add_light(field, &v->at[k], v->weight[k] * unit, &sum);
+  put(&sum, rgba);
   store(codes, v->code), store(scores, v->score);
   for (; mask; mask &= mask - 1) {
     int l = __builtin_ctz(mask);
@@ -1019,18 +1063,29 @@ static float judge_fan(depth_field *field, fan *a, float code) {
   return sum_of(sum);
 }
 
+/* Brings the sum over all lanes to the first. */
+INLINE void join_lanes(sample *sum) {
+  w16 v = sum->half[0] + sum->half[1];
+  v += __builtin_shufflevector(v, v, 8, 9, 10, 11, 12, 13, 14, 15, 8, 9, 10, 11, 12, 13, 14, 15);
+  v += __builtin_shufflevector(v, v, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7);
+  sum->half[0] = v;
+}
+
 /* Mixes where the slices see the height judged last. */
 static bool mix_fan(depth_field *field, const fan *a, depth_rays *rays, uint32_t texel, float code,
                     float score) {
-  f8 rgb[3] = {all(0), all(0), all(0)}, sum = all(0);
-  for (int g = 0; g < a->group_count; g++) {
-    add_light(field, &a->at[g], a->weight[g], rgb);
-    sum += a->weight[g];
-  }
-  const float agreed = sum_of(sum);
+  sample sum = {{{0}}};
+  uint16_t of_lanes[LANES][4];
+  f8 weight = all(0);
+  for (int g = 0; g < a->group_count; g++) weight += a->weight[g];
+  const float agreed = sum_of(weight);
   if (!(agreed > 1e-5f)) return false;
-  for (int c = 0; c < 3; c++) rays->rgba[texel][c] = sum_of(rgb[c]) * (LIGHT_UNIT / agreed);
-  rays->rgba[texel][3] = 1;
+  const f8 unit = share_unit(all(agreed));
+  for (int g = 0; g < a->group_count; g++)
+    add_light(field, &a->at[g], a->weight[g] * unit, &sum);
+  join_lanes(&sum);
+  put(&sum, of_lanes);
+  memcpy(rays->rgba[texel], of_lanes[0], sizeof of_lanes[0]);
   rays->code[texel] = code, rays->score[texel] = score;
   return true;
 }
@@ -1116,132 +1171,127 @@ INLINE void look_along(const depth_field *field, const depth_rays *rays, int row
   if (mask_bits(missing)) stand_in(field, &cell, s, 3);
 }
 
-/* Where the texels of a row are looked for: what is read for each from the three slices that its
- * direction lies between. */
-typedef struct {
-  int row;
-  unsigned lanes; /* that count */
-  float codes[LANES], wanted[LANES];
-  int32_t texel[3][LANES];                      /* where the four texels begin */
-  int32_t upper[3][LANES], lower_two[3][LANES]; /* their weights, two in one number */
-  float weight[3][LANES];                       /* of the slices, 0 beyond the surface */
-  float expected[3][LANES];                     /* code that each should see */
-} depth_aim;
-
-INLINE void aim_at(const depth_field *field, const bundle *b, const sight s[3], f8 code,
-                   depth_aim *a) {
-  f8 height = height_of(field, code);
-  for (int k = 0; k < 3; k++) {
-    f8 expected;
-    i8 upper, lower_two;
-    reading r = see_from(field, b, &s[k], height, code, &expected);
-    weights_of(&r, &upper, &lower_two);
-    memcpy(a->upper[k], &upper, sizeof upper);
-    memcpy(a->lower_two[k], &lower_two, sizeof lower_two);
-    memcpy(a->texel[k], &r.texel, sizeof r.texel);
-    store(a->weight[k], choose(r.inside, s[k].weight, all(0)));
-    if (!FLAT) store(a->expected[k], expected);
-    for (int l = 0; l < LANES; l++) {
-      const uint8_t *texel = field->pages.bytes + 4 * (size_t)(uint32_t)a->texel[k][l];
-      __builtin_prefetch(texel);
-      __builtin_prefetch(texel + 4 * PAGE_ROW_TEXELS + 7);
-    }
-  }
-}
-
 INLINE i8 lanes_of(unsigned bits) {
   const i8 lanes = {1, 2, 4, 8, 16, 32, 64, 128};
   return (all_int((int32_t)bits) & lanes) == lanes;
 }
 
-INLINE void aim(const depth_field *field, const depth_rays *rays, const depth_memory *last, int row,
-                unsigned lanes, depth_aim *a) {
-  bundle b;
-  sight s[3];
-  f8 code = to_float(load_u16(last->code + 8 * row)) * (1.0f / 256);
-  f8 score = 0.01f * to_float(load_c8(last->score + 8 * row));
-  a->row = row, a->lanes = lanes;
-  store(a->codes, code);
-  store(a->wanted, smaller(larger(score - SCORE_SLACK, all(LEAST_NEAR)), all(ALL_AGREE)));
-  look_along(field, rays, row, &b, s);
-  aim_at(field, &b, s, code, a);
+/* Where a slice should see a height. */
+typedef struct {
+  int32_t texel[LANES];
+  i8 weights;
+  f8 weight, expected; /* of the slice, 0 beyond the surface */
+} aim;
+
+/* Where the texels of a row are looked for, in the three slices that their directions lie between.
+ * What is made of each slice is written out one by one, not in loops: it stays in registers. */
+typedef struct {
+  int row;
+  unsigned lanes; /* that count */
+  f8 code, wanted;
+  aim at[3];
+} row_aim;
+
+INLINE void aim_at(const depth_field *field, const bundle *b, const sight *s, f8 height, f8 code,
+                   aim *a) {
+  f8 expected;
+  reading r = see_from(field, b, s, height, code, &expected);
+  memcpy(a->texel, &r.texel, sizeof a->texel);
+  a->weights = weights_of(&r);
+  a->weight = choose(r.inside, s->weight, all(0));
+  if (!FLAT) a->expected = expected;
 }
 
-/* What the three slices show where they should see a height. */
+INLINE void aim_row(const depth_field *field, const depth_rays *rays, row_aim *a) {
+  bundle b;
+  sight s[3];
+  const f8 height = height_of(field, a->code);
+  look_along(field, rays, a->row, &b, s);
+  aim_at(field, &b, &s[0], height, a->code, &a->at[0]);
+  aim_at(field, &b, &s[1], height, a->code, &a->at[1]);
+  aim_at(field, &b, &s[2], height, a->code, &a->at[2]);
+}
+
+/* What they show there. */
 typedef struct {
-  f8 rgb[3];        /* linear, in LIGHT_UNIT, by weight of those that see it there */
+  sample of[3];
+  f8 weight[3];     /* with which each sees it there */
   f8 agreed, score; /* as in verdict */
   f8 moved;         /* mean of the codes seen less those expected: the slices' directions lie around
                        the ray's, so that it leads to what they see, right to first order wherever
                        along the ray they look */
 } view;
 
-INLINE void read_aimed(depth_field *field, const depth_aim *a, f8 code, view *v) {
-  f8 sum = all(1e-6f), near = tolerance(code), limit = 4.0f * near, scale = 1.0f / near;
-  *v = (view){.agreed = all(1e-6f), .score = all(0), .moved = all(0)};
-  for (int c = 0; c < 3; c++) v->rgb[c] = all(0);
-  for (int k = 0; k < 3; k++) {
-    i8 sums[4], upper, lower_two;
-    memcpy(&upper, a->upper[k], sizeof upper);
-    memcpy(&lower_two, a->lower_two[k], sizeof lower_two);
-    weigh_there(field, a->texel[k], upper, lower_two, a->lanes, sums);
-    f8 weight = load(a->weight[k]);
-    f8 off = to_float(sums[3]) * CODE_UNIT - (FLAT ? code : load(a->expected[k]));
-    f8 of_near = choose(magnitude(off) < limit, weight, all(0));
-    v->moved += of_near * off, sum += of_near;
-    off *= scale;
-    f8 agreeing = weight * agreement(off);
-    for (int c = 0; c < 3; c++) v->rgb[c] += agreeing * to_float(sums[c]);
-    v->agreed += agreeing;
-    v->score += choose(off > 2.0f, -weight, agreeing);
-  }
+INLINE void witness_row(const aim *a, const sample *r, f8 code, f8 limit, f8 scale, f8 *weight,
+                        view *v, f8 *sum) {
+  f8 off = to_float(heights_of(r)) * CODE_UNIT - (FLAT ? code : a->expected);
+  f8 of_near = choose(magnitude(off) < limit, a->weight, all(0));
+  v->moved += of_near * off, *sum += of_near;
+  off *= scale;
+  *weight = a->weight * agreement(off);
+  v->agreed += *weight;
+  v->score += choose(off > 2.0f, -a->weight, *weight);
+}
+
+INLINE void read_row(depth_field *field, const row_aim *a, view *v) {
+  const uint8_t *bytes = field->pages.bytes;
+  const f8 near = tolerance(a->code), limit = 4.0f * near, scale = 1.0f / near;
+  f8 sum = all(1e-6f);
+  v->of[0] = read(bytes, a->at[0].texel, a->at[0].weights);
+  v->of[1] = read(bytes, a->at[1].texel, a->at[1].weights);
+  v->of[2] = read(bytes, a->at[2].texel, a->at[2].weights);
+  i8 missing = (heights_of(&v->of[0]) == 0) | (heights_of(&v->of[1]) == 0) |
+               (heights_of(&v->of[2]) == 0);
+  if (__builtin_expect((mask_bits(missing) & a->lanes) != 0, 0))
+    for (int k = 0; k < 3; k++)
+      read_anew(field, a->at[k].texel, &a->at[k].weights, a->lanes, &v->of[k]);
+  v->agreed = all(1e-6f), v->score = v->moved = all(0);
+  witness_row(&a->at[0], &v->of[0], a->code, limit, scale, &v->weight[0], v, &sum);
+  witness_row(&a->at[1], &v->of[1], a->code, limit, scale, &v->weight[1], v, &sum);
+  witness_row(&a->at[2], &v->of[2], a->code, limit, scale, &v->weight[2], v, &sum);
   v->moved /= sum;
 }
 
-INLINE unsigned mix_aimed(depth_field *field, depth_rays *rays, depth_aim *a) {
+/* The whole row is written: what else is in it is mixed afterwards. */
+INLINE unsigned mix_row(depth_field *field, depth_rays *rays, row_aim *a) {
   enum { PASSES = 3 };
   view v;
-  f8 code = load(a->codes), wanted = load(a->wanted);
-  read_aimed(field, a, code, &v);
+  sample sum = {{{0}}};
+  read_row(field, a, &v);
   for (int pass = 1; pass < PASSES; pass++) {
-    bundle b;
-    sight s[3];
-    if (!(mask_bits(magnitude(v.moved) > MOVED_SHARE * tolerance(code)) & a->lanes)) break;
-    code = smaller(larger(code + v.moved, all(0)), all(255));
-    look_along(field, rays, a->row, &b, s);
-    aim_at(field, &b, s, code, a);
-    read_aimed(field, a, code, &v);
+    i8 moved = magnitude(v.moved) > MOVED_SHARE * tolerance(a->code);
+    if (!(mask_bits(moved) & a->lanes)) break;
+    a->code = smaller(larger(a->code + v.moved, all(0)), all(255));
+    aim_row(field, rays, a);
+    read_row(field, a, &v);
   }
-  unsigned mask = mask_bits(v.score > wanted) & a->lanes;
-  i8 mixed = lanes_of(mask);
-  f8 light = LIGHT_UNIT / v.agreed;
-  float *codes = rays->code + 8 * a->row, *scores = rays->score + 8 * a->row;
-  for (int c = 0; c < 3; c++) v.rgb[c] *= light;
-  if (mask == (1u << LANES) - 1) {
-    spread(v.rgb, rays->rgba + 8 * a->row);
-  } else {
-    float rgba[LANES][4];
-    spread(v.rgb, rgba);
-    for (unsigned left = mask; left; left &= left - 1)
-      memcpy(rays->rgba[8 * a->row + __builtin_ctz(left)], rgba[__builtin_ctz(left)], sizeof *rgba);
-  }
-  code = smaller(larger(code + v.moved, all(0)), all(255));
-  store(codes, choose(mixed, code, load(codes)));
-  store(scores, choose(mixed, larger(v.score, wanted + SCORE_SLACK), load(scores)));
-  return mask;
+  const f8 unit = share_unit(v.agreed);
+  add(&sum, &v.of[0], to_int(v.weight[0] * unit));
+  add(&sum, &v.of[1], to_int(v.weight[1] * unit));
+  add(&sum, &v.of[2], to_int(v.weight[2] * unit));
+  put(&sum, rays->rgba + 8 * a->row);
+  store(rays->code + 8 * a->row, smaller(larger(a->code + v.moved, all(0)), all(255)));
+  store(rays->score + 8 * a->row, larger(v.score, a->wanted + SCORE_SLACK));
+  return mask_bits(v.score > a->wanted) & a->lanes;
 }
 
 static uint64_t mix_steady(depth_field *field, depth_rays *rays, const depth_memory *last,
                            uint64_t steady) {
-  depth_aim aims[8];
+  row_aim aims[8];
   int count = 0;
   uint64_t mixed = 0;
   for (int row = 0; row < 8; row++) {
-    const unsigned lanes = steady >> 8 * row & 0xff;
-    if (lanes) aim(field, rays, last, row, lanes, &aims[count++]);
+    row_aim *a = &aims[count];
+    if (!(a->lanes = steady >> 8 * row & 0xff)) continue;
+    f8 score = 0.01f * to_float(load_c8(last->score + 8 * row));
+    a->row = row;
+    a->code = to_float(load_u16(last->code + 8 * row)) * (1.0f / 256);
+    a->wanted = smaller(larger(score - SCORE_SLACK, all(LEAST_NEAR)), all(ALL_AGREE));
+    aim_row(field, rays, a);
+    count++;
   }
   for (int i = 0; i < count; i++)
-    mixed |= (uint64_t)mix_aimed(field, rays, &aims[i]) << 8 * aims[i].row;
+    mixed |= (uint64_t)mix_row(field, rays, &aims[i]) << 8 * aims[i].row;
   return mixed;
 }
 
@@ -1285,19 +1335,5 @@ static void remember(const depth_rays *rays, const uint8_t kinds[64], uint64_t m
   }
 }
 
-static void put(const depth_rays *rays, uint16_t *out, size_t row_nbytes) {
-  for (int row = 0; row < 8; row++, out += row_nbytes / sizeof *out) {
-    const float *from = rays->rgba[8 * row];
-    for (int k = 0; k < 32; k += LANES) {
-#if defined(__AVX2__)
-      __m128i half = _mm256_cvtps_ph(_mm256_loadu_ps(from + k), _MM_FROUND_TO_NEAREST_INT);
-      _mm_storeu_si128((__m128i *)(void *)(out + k), half);
-#else
-      for (int l = 0; l < LANES; l++) out[k + l] = half_from_float(from[k + l]);
-#endif
-    }
-  }
-}
-
 const depth_kernel KERNEL = {place,      find_steady, mix,        mix_four_tap, seek,
-                             seek_alone, mix_wide,    mix_steady, remember,     put};
+                             seek_alone, mix_wide,    mix_steady, remember};

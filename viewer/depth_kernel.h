@@ -37,7 +37,7 @@ typedef struct {
                          through it */
   float met[64][4];   /* code at which the ray, where it was followed, and each of the four slices
                          around met, below 0 for not */
-  float rgba[64][4];  /* linear; A = 1 */
+  uint16_t rgba[64][4]; /* linear, as half floats; A = 1 */
 } depth_rays;
 
 /* How a texel was mixed. */
@@ -86,14 +86,13 @@ typedef struct {
   /* With the sixteen slices around, at the height given, if that has the score. */
   bool (*mix_wide)(depth_field *field, depth_rays *rays, uint32_t texel, float code, float wanted);
   /* Mixes texels near the heights where they were, without regard to edges; returns those that it
-   * could. All that they need is asked for before any of it is read. */
+   * could. All that they need is asked for before any of it is read. Other texels of the same rows
+   * are overwritten. */
   uint64_t (*mix_steady)(depth_field *field, depth_rays *rays, const depth_memory *last,
                          uint64_t texels);
   /* Keeps what was found for the texels of the mask. */
   void (*remember)(const depth_rays *rays, const uint8_t kinds[64], uint64_t mask,
                    depth_memory *now);
-  /* Writes the block as half floats. */
-  void (*put)(const depth_rays *rays, uint16_t *out, size_t row_nbytes);
 } depth_kernel;
 
 /* For any surface, and for flat mirrors, which have neither frames nor a slab. */

@@ -288,9 +288,8 @@ static bool mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
   memset(kinds, SEEN_NEAR, sizeof kinds);
   m->kernel->place(&m->field, block_u, block_v, directions, &rays);
   use_slices(&m->field.pages, &rays);
-  uint64_t foretold =
-      mix_guessed(m, &rays, beside_lower & directions->mask, &last, GUESS_LOWER, GUESS_AGAIN);
-  foretold |= m->kernel->mix_steady(&m->field, &rays, &last, steady & ~foretold);
+  uint64_t foretold = m->kernel->mix_steady(&m->field, &rays, &last, steady);
+  foretold |= mix_guessed(m, &rays, beside_lower & directions->mask, &last, GUESS_LOWER, GUESS_AGAIN);
   if (m->field.missed) return false;
   if (directions->mask & ~foretold)
     foretold |= mix_rest(m, &rays, directions->mask & ~foretold, &last, p, kinds);
@@ -301,7 +300,8 @@ static bool mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
   m->visits[block]++;
   m->last[block] = last;
   m->kernel->remember(&rays, kinds, directions->mask, &m->last[block]);
-  m->kernel->put(&rays, out, row_nbytes);
+  for (int row = 0; row < 8; row++)
+    memcpy((uint8_t *)out + (size_t)row * row_nbytes, rays.rgba[8 * row], 8 * sizeof *rays.rgba);
   return true;
 }
 
