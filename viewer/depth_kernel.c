@@ -141,12 +141,37 @@ INLINE i8 odd(__m256i a, __m256i b) {
   return (i8)_mm256_shuffle_ps(_mm256_castsi256_ps(a), _mm256_castsi256_ps(b), 0xdd);
 }
 
-/* The heights' codes of a texel and its right neighbour. */
-INLINE void load_codes(const uint8_t *bytes, const int32_t texel[LANES], i8 *left, i8 *right) {
-  __m256i a, b;
+/* Four codes of heights, of a texel, its right neighbour and the two below, in a number. */
+INLINE i8 load_codes(const uint8_t *bytes, const int32_t texel[LANES]) {
+  const __m256i upper = _mm256_broadcastsi128_si256(
+      _mm_setr_epi8(3, 7, -1, -1, 11, 15, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1));
+  __m256i a, b, c, d;
   load_pairs(bytes, texel, &a, &b);
-  *left = (i8)_mm256_srli_epi32((__m256i)even(a, b), 24);
-  *right = (i8)_mm256_srli_epi32((__m256i)odd(a, b), 24);
+  load_pairs(bytes + 4 * PAGE_ROW_TEXELS, texel, &c, &d);
+  a = _mm256_unpacklo_epi64(_mm256_shuffle_epi8(a, upper), _mm256_shuffle_epi8(b, upper));
+  c = _mm256_unpacklo_epi64(_mm256_shuffle_epi8(c, upper), _mm256_shuffle_epi8(d, upper));
+  return (i8)_mm256_or_si256(a, _mm256_slli_epi32(c, 16));
+}
+
+/* Between them, in parts of ACROSS * SPLIT. */
+INLINE i8 code_between(i8 codes, i8 fx, i8 fy) {
+  i8 across = fx * 255 + ACROSS, down = fy * UINT16_MAX + SPLIT;
+  __m256i rows = _mm256_maddubs_epi16((__m256i)codes, (__m256i)(across | across << 16));
+  return (i8)_mm256_madd_epi16(rows, (__m256i)down);
+}
+
+/* How far apart the highest and the lowest are. */
+INLINE i8 range_of(i8 codes) {
+  __m256i v = (__m256i)codes, w = _mm256_srli_epi32(v, 16);
+  __m256i highest = _mm256_max_epu8(v, w), lowest = _mm256_min_epu8(v, w);
+  highest = _mm256_max_epu8(highest, _mm256_srli_epi32(highest, 8));
+  lowest = _mm256_min_epu8(lowest, _mm256_srli_epi32(lowest, 8));
+  return (i8)_mm256_sub_epi8(highest, lowest) & 0xff;
+}
+
+/* One of them, counted from the first. */
+INLINE i8 pick_code(i8 codes, i8 number) {
+  return (i8)_mm256_srlv_epi32((__m256i)codes, (__m256i)(number * 8)) & 0xff;
 }
 #else
 INLINE i8 load_u16(const uint16_t *x) {
@@ -209,11 +234,30 @@ INLINE i8 gather(const void *base, i8 index) {
   return v;
 }
 
-INLINE void load_codes(const uint8_t *bytes, const int32_t texel[LANES], i8 *left, i8 *right) {
+INLINE i8 load_codes(const uint8_t *bytes, const int32_t texel[LANES]) {
+  i8 codes;
   for (int l = 0; l < LANES; l++) {
-    (*left)[l] = bytes[4 * (size_t)texel[l] + 3];
-    (*right)[l] = bytes[4 * (size_t)texel[l] + 7];
+    const uint8_t *upper = bytes + 4 * (size_t)texel[l] + 3;
+    const uint8_t *lower_two = upper + 4 * PAGE_ROW_TEXELS;
+    const uint32_t four = upper[0] | (uint32_t)upper[4] << 8 | (uint32_t)lower_two[0] << 16 |
+                          (uint32_t)lower_two[4] << 24;
+    codes[l] = (int32_t)four;
   }
+  return codes;
+}
+
+INLINE i8 pick_code(i8 codes, i8 number) {
+  return codes >> number * 8 & 0xff;
+}
+
+INLINE i8 code_between(i8 codes, i8 fx, i8 fy) {
+  i8 a = codes & 0xff, b = codes >> 8 & 0xff, c = codes >> 16 & 0xff, d = codes >> 24 & 0xff;
+  return (a * (ACROSS - fx) + b * fx) * (SPLIT - fy) + (c * (ACROSS - fx) + d * fx) * fy;
+}
+
+INLINE i8 range_of(i8 codes) {
+  i8 a = codes & 0xff, b = codes >> 8 & 0xff, c = codes >> 16 & 0xff, d = codes >> 24 & 0xff;
+  return higher(higher(a, b), higher(c, d)) - lower(lower(a, b), lower(c, d));
 }
 #endif
 
@@ -305,33 +349,23 @@ INLINE i8 weights_of(const reading *r) {
 
 /* As load_codes, of pages that are brought in; by itself, so that what it needs costs nothing where
  * all pages are there. */
-static __attribute__((noinline)) void
-load_codes_anew(depth_field *field, const int32_t texel[LANES], i8 *left, i8 *right) {
+static __attribute__((noinline)) i8 load_codes_anew(depth_field *field,
+                                                    const int32_t texel[LANES]) {
   load_pages(field, texel, (1u << LANES) - 1);
-  load_codes(field->pages.bytes, texel, left, right);
+  return load_codes(field->pages.bytes, texel);
 }
 
 /* The code of the height that is seen there. */
 INLINE f8 look(depth_field *field, const reading *r) {
   int32_t texel[LANES];
-  i8 a, b, c, d;
-  const uint8_t *bytes = field->pages.bytes;
   memcpy(texel, &r->texel, sizeof texel);
-  load_codes(bytes, texel, &a, &b);
-  if (__builtin_expect(mask_bits(a == 0) != 0, 0)) {
-    i8 left, right;
-    load_codes_anew(field, texel, &left, &right);
-    a = left, b = right;
-  }
-  load_codes(bytes + 4 * PAGE_ROW_TEXELS, texel, &c, &d);
-  i8 range = higher(higher(a, b), higher(c, d)) - lower(lower(a, b), lower(c, d));
-  i8 top = a * SPLIT + r->fx * (b - a), bottom = c * SPLIT + r->fx * (d - c);
-  f8 code = to_float(top * SPLIT + r->fy * (bottom - top)) * (1.0f / SPLIT / SPLIT);
-  i8 right = r->fx > SPLIT / 2, below = r->fy > SPLIT / 2;
+  i8 codes = load_codes(field->pages.bytes, texel);
+  if (__builtin_expect(mask_bits(codes == 0) != 0, 0)) codes = load_codes_anew(field, texel);
+  f8 code = to_float(code_between(codes, r->fx, r->fy)) * (1.0f / ACROSS / SPLIT);
   /* Between a thing and what is behind it there is nothing. */
-  i8 upper = (b & right) | (a & ~right), lower_two = (d & right) | (c & ~right);
-  f8 nearest = to_float((lower_two & below) | (upper & ~below));
-  return choose(range > EDGE_CODES, nearest, code);
+  i8 right = r->fx > SPLIT / 2, below = r->fy > SPLIT / 2;
+  f8 nearest = to_float(pick_code(codes, (right & 1) + (below & 2)));
+  return choose(range_of(codes) > EDGE_CODES, nearest, code);
 }
 
 /* What is read of eight lanes: R G B and H of each, side by side; of lanes 0 1 4 5 and of lanes
