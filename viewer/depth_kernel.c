@@ -636,6 +636,19 @@ INLINE sight sight_of(const depth_field *field, const bundle *b, i8 number, f8 w
   return s;
 }
 
+/* The same slice for all of them. */
+INLINE sight sight_of_one(const depth_field *field, const bundle *b, int32_t number, f8 weight) {
+  sight s = {.dx = all(field->slopes[number][0]) - b->qx,
+             .dy = all(field->slopes[number][1]) - b->qy,
+             .through_x = all(0),
+             .through_y = all(0),
+             .weight = weight,
+             .texel = all_int(number * (int32_t)field->pages.slice_texels)};
+  if (has_slab(field))
+    s.through_x = all(field->through[number][0]), s.through_y = all(field->through[number][1]);
+  return s;
+}
+
 /* The same, of two numbers. */
 INLINE sight sight_of_two(const depth_field *field, const bundle *b, int32_t number, int32_t other,
                           i8 others, f8 weight) {
@@ -667,9 +680,12 @@ static void look_around(const depth_field *field, const depth_rays *rays,
   for (int l = 0; l < LANES; l++) cell[l] = rays->cell[texels[l]];
   if (is_curved(field)) frames_at(field, &b->x, &b->y, &b->at);
   i8 missing = all_int(0);
+  const bool alike = !mask_bits(cell != all_int(cell[0]));
   for (int c = 0; c < 4; c++) {
     f8 along_s = c & 1 ? f : 1.0f - f, along_t = c & 2 ? g : 1.0f - g;
-    s[c] = sight_of(field, b, slice_of(field, cell, c), along_s * along_t + LEAST_WEIGHT);
+    f8 weight = along_s * along_t + LEAST_WEIGHT;
+    i8 number = slice_of(field, cell, c);
+    s[c] = alike ? sight_of_one(field, b, number[0], weight) : sight_of(field, b, number, weight);
     missing |= s[c].dx != s[c].dx;
   }
   if (mask_bits(missing)) stand_in(field, &cell, s, 4);
@@ -1061,22 +1077,27 @@ static void open_fan(const depth_field *field, const depth_rays *rays, uint32_t 
   if (has_slab(field)) a->b.x -= rays->through_x[texel], a->b.y -= rays->through_y[texel];
   if (is_curved(field)) frames_at(field, &a->b.x, &a->b.y, &a->b.at);
   for (int g = 0; g < a->group_count; g++) {
-    const f8 *at = fan_places[g];
+    const f8 *at = fan_places[g], narrow = at[2];
     i8 i = i0 + to_int(at[0]), j = j0 + to_int(at[1]);
     exists[g] = (i >= 0) & (j >= 0) & (i < s_count) & (j < t_count);
-    if (reach == 1) exists[g] &= at[2] == all(1);
+    if (reach == 1) exists[g] &= narrow == all(1);
     number[g] = (i * (t_count + 1) + j) & exists[g];
-    f8 slope = (f8)gather(field->slopes, number[g] * 2);
-    exists[g] &= slope == slope;
+    f8 along_s = larger(1.0f - narrow * magnitude(at[0] - rays->f[texel]), all(0));
+    f8 along_t = larger(1.0f - narrow * magnitude(at[1] - rays->g[texel]), all(0));
+    a->s[g] = sight_of(field, &a->b, number[g], along_s * along_t * narrow + LEAST_WEIGHT);
+    exists[g] &= a->s[g].dx == a->s[g].dx;
     const unsigned some = mask_bits(exists[g]);
     if (some) any = number[g][__builtin_ctz(some)];
   }
   for (int g = 0; g < a->group_count; g++) {
-    const f8 *at = fan_places[g], narrow = at[2];
-    f8 along_s = larger(1.0f - narrow * magnitude(at[0] - rays->f[texel]), all(0));
-    f8 along_t = larger(1.0f - narrow * magnitude(at[1] - rays->g[texel]), all(0));
-    f8 weight = choose(exists[g], along_s * along_t * narrow + LEAST_WEIGHT, all(0));
-    a->s[g] = sight_of(field, &a->b, (number[g] & exists[g]) | (any & ~exists[g]), weight);
+    sight *s = &a->s[g];
+    if (!mask_bits(~exists[g])) continue;
+    const sight other = sight_of_one(field, &a->b, any, all(0));
+    s->dx = choose(exists[g], s->dx, other.dx), s->dy = choose(exists[g], s->dy, other.dy);
+    s->through_x = choose(exists[g], s->through_x, other.through_x);
+    s->through_y = choose(exists[g], s->through_y, other.through_y);
+    s->weight = choose(exists[g], s->weight, all(0));
+    s->texel = (s->texel & exists[g]) | (other.texel & ~exists[g]);
   }
 }
 
@@ -1192,9 +1213,8 @@ INLINE void look_along(const depth_field *field, const depth_rays *rays, int row
   f8 corner = magnitude(left) + LEAST_WEIGHT;
   const int32_t first = cell[0];
   if (!mask_bits(cell != all_int(first))) {
-    const i8 none = all_int(0);
-    s[0] = sight_of_two(field, b, first + column, first + column, none, along_s);
-    s[1] = sight_of_two(field, b, first + 1, first + 1, none, along_t);
+    s[0] = sight_of_one(field, b, first + column, along_s);
+    s[1] = sight_of_one(field, b, first + 1, along_t);
     s[2] = sight_of_two(field, b, first, first + column + 1, beyond, corner);
   } else {
     s[0] = sight_of(field, b, cell + column, along_s);
@@ -1332,6 +1352,20 @@ static uint64_t mix_steady(depth_field *field, depth_rays *rays, const depth_mem
 /* ---- From frame to frame ------------------------------------------------------------------------
  */
 
+static uint64_t find_kind(const uint8_t kinds[64], uint8_t kind) {
+  uint64_t found = 0;
+#if defined(__AVX2__)
+  for (int k = 0; k < 64; k += 32) {
+    __m256i v = _mm256_loadu_si256((const __m256i *)(const void *)(kinds + k));
+    v = _mm256_cmpeq_epi8(v, _mm256_set1_epi8((char)kind));
+    found |= (uint64_t)(uint32_t)_mm256_movemask_epi8(v) << k;
+  }
+#else
+  for (int k = 0; k < 64; k++) found |= (uint64_t)(kinds[k] == kind) << k;
+#endif
+  return found;
+}
+
 static uint64_t find_steady(const depth_memory *last, uint64_t *beside_lower) {
   const i8 none = all_int(UINT16_MAX);
   i8 codes[10];
@@ -1369,5 +1403,5 @@ static void remember(const depth_rays *rays, const uint8_t kinds[64], uint64_t m
   }
 }
 
-const depth_kernel KERNEL = {place,      find_steady, mix,        mix_four_tap, seek,
+const depth_kernel KERNEL = {place, find_steady, find_kind, mix,        mix_four_tap, seek,
                              seek_alone, mix_wide,    mix_steady, remember};

@@ -72,6 +72,7 @@ typedef struct {
    * by the four slices around, with a neighbour in the block that saw another thing that is
    * lower. */
   uint64_t (*find_steady)(const depth_memory *last, uint64_t *beside_lower);
+  uint64_t (*find_kind)(const uint8_t kinds[64], uint8_t kind);
   /* Mixes those of the texels for whose height there is good evidence among the four slices around;
    * returns them. */
   uint64_t (*mix)(depth_field *field, depth_rays *rays, const depth_guess *guess);

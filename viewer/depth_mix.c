@@ -101,38 +101,50 @@ typedef enum {
   GUESS_COUNT
 } guess_origin;
 
-static const int8_t columns[GUESS_COUNT] = {0, 0, 1, -1, 0, 0},
-                    rows[GUESS_COUNT] = {0, 0, 0, 0, 1, -1};
+/* Steps to a texel's neighbours, in the block. */
+static const int8_t steps[GUESS_COUNT] = {0, 0, 1, -1, 8, -8};
 
-/* The place of a texel's neighbour in the block; -1 beyond it. */
-static int find_neighbour(uint32_t k, guess_origin origin) {
-  int column = (int)k % 8 + columns[origin], row = (int)k / 8 + rows[origin];
-  return column < 0 || row < 0 || column > 7 || row > 7 ? -1 : 8 * row + column;
+/* The texels that have such a neighbour among those of the mask. */
+static uint64_t beside(uint64_t mask, guess_origin origin) {
+  const uint64_t first_column = 0x0101010101010101u;
+  switch (origin) {
+    case GUESS_RIGHT: return mask >> 1 & ~(first_column << 7);
+    case GUESS_LEFT: return mask << 1 & ~first_column;
+    case GUESS_BELOW: return mask >> 8;
+    case GUESS_ABOVE: return mask << 8;
+    default: return mask;
+  }
 }
 
-static bool guess_lower(const depth_memory *last, uint32_t k, float *code, float *wanted) {
-  int lowest = last->code[k] - 256 * EDGE_CODES;
-  bool found = false;
+/* What was found last time, and for which texels the four slices around did, or nothing is
+ * known. */
+typedef struct {
+  const depth_memory *last;
+  uint64_t near, unknown;
+} memories;
+
+static void guess_lower(const memories *known, uint32_t k, float *code, float *wanted) {
+  const depth_memory *last = known->last;
+  int lowest = last->code[k];
   for (int origin = GUESS_RIGHT; origin < GUESS_COUNT; origin++) {
-    int from = find_neighbour(k, (guess_origin)origin);
-    if (from < 0 || last->kind[from] != SEEN_NEAR || last->code[from] >= lowest) continue;
-    lowest = last->code[from], found = true;
+    if (!(beside(known->near, (guess_origin)origin) >> k & 1)) continue;
+    const int there = last->code[(int)k + steps[origin]];
+    if (there < lowest) lowest = there;
   }
   *code = (float)lowest / 256;
   const float share = 0.01f * LOWER_SHARE * (float)last->score[k];
   *wanted = share > LEAST_NEAR ? share : LEAST_NEAR;
-  return found;
 }
 
-static bool guess(const depth_memory *last, uint32_t k, guess_origin origin, float *code,
+static void guess(const memories *known, uint32_t k, guess_origin origin, float *code,
                   float *wanted) {
-  if (origin != GUESS_AGAIN && last->kind[k] == SEEN_UNKNOWN) return false;
-  if (origin == GUESS_LOWER) return guess_lower(last, k, code, wanted);
-  int from = find_neighbour(k, origin);
-  if (from < 0 || last->kind[from] != SEEN_NEAR) return false;
-  *code = (float)last->code[from] / 256;
-  *wanted = wanted_score(last, (uint32_t)from);
-  return true;
+  if (origin == GUESS_LOWER) {
+    guess_lower(known, k, code, wanted);
+    return;
+  }
+  const uint32_t from = (uint32_t)((int)k + steps[origin]);
+  *code = (float)known->last->code[from] / 256;
+  *wanted = wanted_score(known->last, from);
 }
 
 static void add_guess(depth_guess *g, uint32_t texel, float code, float wanted) {
@@ -150,14 +162,21 @@ static void repeat_first(depth_guess *g) {
 /* Mixes what it can of the texels from guesses of those origins, earlier ones first; returns
  * those. */
 static uint64_t mix_guessed(depth_mixer *m, depth_rays *rays, uint64_t texels,
-                            const depth_memory *last, guess_origin first, guess_origin after_last) {
-  uint64_t mixed = 0;
+                            const memories *known, guess_origin first, guess_origin after_last) {
+  uint64_t mixed = 0, may_guess[GUESS_COUNT], any = 0;
   depth_guess g = {.count = 0};
-  for (; texels; texels &= texels - 1) {
+  for (guess_origin origin = first; origin < after_last; origin++) {
+    may_guess[origin] = beside(known->near, origin);
+    if (origin != GUESS_AGAIN) may_guess[origin] &= ~known->unknown;
+    any |= may_guess[origin];
+  }
+  for (texels &= any; texels; texels &= texels - 1) {
     const uint32_t k = (uint32_t)__builtin_ctzll(texels);
     for (guess_origin origin = first; origin < after_last && !(mixed >> k & 1); origin++) {
       float code, wanted;
-      if (guess(last, k, origin, &code, &wanted)) add_guess(&g, k, code, wanted);
+      if (!(may_guess[origin] >> k & 1)) continue;
+      guess(known, k, origin, &code, &wanted);
+      add_guess(&g, k, code, wanted);
       if (g.count < LANES) continue;
       mixed |= m->kernel->mix(&m->field, rays, &g);
       g.count = 0;
@@ -186,17 +205,6 @@ static uint64_t mix_sought(depth_mixer *m, depth_rays *rays, uint64_t texels) {
                  << g.texels[l];
   }
   return mixed;
-}
-
-static uint64_t find_kind(const uint8_t kinds[64], uint8_t kind) {
-  const uint64_t ones = 0x0101010101010101u;
-  uint64_t found = 0, row;
-  for (int k = 0; k < 64; k += 8) {
-    memcpy(&row, kinds + k, sizeof row);
-    row = (128 * ones - (row ^ ones * kind)) >> 7 & ones; /* 1 in each byte that is the kind */
-    found |= (row * 0x0102040810204080u >> 56) << k;      /* side by side */
-  }
-  return found;
 }
 
 static void mix_four_tap(depth_mixer *m, depth_rays *rays, uint64_t texels, uint8_t kinds[64]) {
@@ -228,13 +236,14 @@ static uint64_t mix_wide(depth_mixer *m, depth_rays *rays, uint64_t texels,
 
 /* Mixes texels that are not steady; returns those that were foretold. Those that the four slices
  * around did not serve last time are mostly taken to be so still. */
-static uint64_t mix_rest(depth_mixer *m, depth_rays *rays, uint64_t left, const depth_memory *last,
+static uint64_t mix_rest(depth_mixer *m, depth_rays *rays, uint64_t left, const memories *known,
                          patience p, uint8_t kinds[64]) {
-  const uint64_t wide = left & find_kind(last->kind, SEEN_WIDE);
-  const uint64_t blind = left & find_kind(last->kind, SEEN_NOT);
+  const depth_memory *last = known->last;
+  const uint64_t wide = left & m->kernel->find_kind(last->kind, SEEN_WIDE);
+  const uint64_t blind = left & m->kernel->find_kind(last->kind, SEEN_NOT);
   if (!p.try) left &= ~blind & ~mix_wide(m, rays, wide, last, kinds);
-  uint64_t foretold = mix_guessed(m, rays, left, last, GUESS_AGAIN, GUESS_RIGHT);
-  foretold |= mix_guessed(m, rays, left & ~foretold, last, GUESS_RIGHT, GUESS_COUNT);
+  uint64_t foretold = mix_guessed(m, rays, left, known, GUESS_AGAIN, GUESS_RIGHT);
+  foretold |= mix_guessed(m, rays, left & ~foretold, known, GUESS_RIGHT, GUESS_COUNT);
   left &= ~foretold;
   if (p.try) left &= ~mix_wide(m, rays, left & wide, last, kinds);
   uint64_t unseen = blind & ~foretold;
@@ -268,12 +277,16 @@ static void count_texels(depth_mix_counts *counts, uint64_t mask, uint64_t foret
 
 /* The slices that some of the texels read stay longer than others. */
 static void use_slices(const depth_pages *p, const depth_rays *rays) {
-  for (int k = 0; k < 64; k += 21) /* two corners, and two in between */
+  int32_t before = -1;
+  for (int k = 0; k < 64; k += 21) { /* two corners, and two in between */
+    if (rays->cell[k] == before) continue;
+    before = rays->cell[k];
     for (int32_t corner = 0; corner < 4; corner++) {
       const int32_t past = corner & 1 ? (int32_t)p->t_count + 1 : 0;
-      atomic_store_explicit(&p->slices[rays->cell[k] + past + (corner >> 1)].used, p->now,
+      atomic_store_explicit(&p->slices[before + past + (corner >> 1)].used, p->now,
                             memory_order_relaxed);
     }
+  }
 }
 
 /* False, and nothing remembered, if a page was missed. */
@@ -284,15 +297,19 @@ static bool mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
   uint8_t kinds[64];
   const size_t block = (size_t)block_v * m->block_u_count + block_u;
   const patience p = recall(m, block, &last);
+  const memories known = {&last, m->kernel->find_kind(last.kind, SEEN_NEAR),
+                          m->kernel->find_kind(last.kind, SEEN_UNKNOWN)};
   uint64_t beside_lower, steady = m->kernel->find_steady(&last, &beside_lower) & directions->mask;
   memset(kinds, SEEN_NEAR, sizeof kinds);
   m->kernel->place(&m->field, block_u, block_v, directions, &rays);
   use_slices(&m->field.pages, &rays);
   uint64_t foretold = m->kernel->mix_steady(&m->field, &rays, &last, steady);
-  foretold |= mix_guessed(m, &rays, beside_lower & directions->mask, &last, GUESS_LOWER, GUESS_AGAIN);
+  beside_lower &= directions->mask;
+  if (beside_lower)
+    foretold |= mix_guessed(m, &rays, beside_lower, &known, GUESS_LOWER, GUESS_AGAIN);
   if (m->field.missed) return false;
   if (directions->mask & ~foretold)
-    foretold |= mix_rest(m, &rays, directions->mask & ~foretold, &last, p, kinds);
+    foretold |= mix_rest(m, &rays, directions->mask & ~foretold, &known, p, kinds);
   if (m->field.missed) return false;
   for (uint64_t left = ~directions->mask; left; left &= left - 1)
     memset(rays.rgba[__builtin_ctzll(left)], 0, sizeof *rays.rgba);
