@@ -1306,15 +1306,14 @@ INLINE void read_row(depth_field *field, const row_aim *a, view *v) {
   v->moved /= sum;
 }
 
-/* The whole row is written: what else is in it is mixed afterwards. */
+/* The whole row is written: what else is in it is mixed afterwards. Where what is good has moved, it
+ * is read once more. */
 INLINE unsigned mix_row(depth_field *field, depth_rays *rays, row_aim *a) {
-  enum { PASSES = 3 };
   view v;
   sample sum = {{{0}}};
   read_row(field, a, &v);
-  for (int pass = 1; pass < PASSES; pass++) {
-    i8 moved = magnitude(v.moved) > MOVED_SHARE * tolerance(a->code);
-    if (!(mask_bits(moved) & a->lanes)) break;
+  i8 moved = (magnitude(v.moved) > MOVED_SHARE * tolerance(a->code)) & (v.score > a->wanted);
+  if (mask_bits(moved) & a->lanes) {
     a->code = smaller(larger(a->code + v.moved, all(0)), all(255));
     aim_row(field, rays, a);
     read_row(field, a, &v);
