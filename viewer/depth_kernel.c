@@ -825,12 +825,15 @@ typedef struct {
 static void judge(depth_field *field, const bundle *b, const sight s[4], const f8 *code,
                   verdict *v) {
   f8 scale = 1.0f / tolerance(*code), score;
+  f8 seeing = all(0);
   v->code = *code, v->score = all(0), v->agreed = all(0);
   for (int k = 0; k < 4; k++) {
     f8 off = look_from(field, b, &s[k], *code, &v->at[k]);
     v->weight[k] = witness(&s[k], off, scale, v->at[k].inside, &score);
     v->agreed += v->weight[k], v->score += score;
+    seeing += choose(v->at[k].inside, s[k].weight, all(0));
   }
+  v->score /= larger(seeing, all(LEAST_SEEING));
 }
 
 INLINE i8 choose_int(i8 mask, i8 a, i8 b) {
@@ -1303,7 +1306,10 @@ INLINE void read_row(depth_field *field, const row_aim *a, view *v) {
   witness_row(&a->at[0], &v->of[0], a->code, limit, scale, &v->weight[0], v, &sum);
   witness_row(&a->at[1], &v->of[1], a->code, limit, scale, &v->weight[1], v, &sum);
   witness_row(&a->at[2], &v->of[2], a->code, limit, scale, &v->weight[2], v, &sum);
-  v->moved /= sum;
+  const f8 seeing =
+      larger(a->at[0].weight + a->at[1].weight + a->at[2].weight, all(LEAST_SEEING));
+  const f8 part = 1.0f / (sum * seeing); /* one division for two */
+  v->moved *= seeing * part, v->score *= sum * part;
 }
 
 /* The whole row is written: what else is in it is mixed afterwards. Where what is good has moved, it

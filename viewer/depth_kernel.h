@@ -121,6 +121,9 @@ enum {
 #define LOWER_SHARE 0.2f
 /* A slice on the rim of the neighbourhood keeps this weight: its word on visibility counts. */
 #define LEAST_WEIGHT 0.01f
+/* Scores are shares of the weight of those slices that reach the place at all, or of this much: what
+ * lies beyond a surface's rim has no say. */
+#define LEAST_SEEING 0.5f
 /* The weight of slices that must agree for no more to be asked. */
 #define ALL_AGREE 0.93f
 /* The weight of slices that must agree for a height to be steady. */
