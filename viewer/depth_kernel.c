@@ -1255,6 +1255,8 @@ INLINE void aim_at(const depth_field *field, const bundle *b, const sight *s, f8
   reading r = see_from(field, b, s, height, code, &expected);
   memcpy(a->texel, &r.texel, sizeof a->texel);
   a->weights = weights_of(&r);
+  for (int l = 0; l < LANES; l += 2) /* the next one's lie beside them */
+    __builtin_prefetch(field->pages.bytes + 4 * (size_t)(uint32_t)a->texel[l] + 20);
   a->weight = choose(r.inside, s->weight, all(0));
   if (!FLAT) a->expected = expected;
 }
