@@ -1017,24 +1017,29 @@ INLINE f8 follow_any(depth_field *field, const bundle *b, const sight *s) {
 
 /* The lowest height that the slices see a thing at, by a share of what the best is judged, which is
  * the score. What is behind a thing may be in sight of all slices around, past it on every side. */
-static uint64_t seek(depth_field *field, depth_rays *rays, const depth_guess *guess) {
+static uint64_t seek(depth_field *field, depth_rays *rays, const depth_guess *guess,
+                     unsigned slices) {
   bundle b;
   sight s[4];
-  verdict v[4], lowest;
+  verdict v[5], lowest;
+  const f8 known = load(guess->codes);
   f8 best = all(0);
+  int count = 0;
   look_around(field, rays, guess->texels, &b, s);
-  for (int k = 0; k < 4; k++) {
-    f8 code = follow_any(field, &b, &s[k]);
-    for (int l = 0; l < LANES; l++) rays->met[guess->texels[l]][k] = code[l];
+  for (int k = 0; k <= 4; k++) {
+    if (!(slices >> k & 1)) continue;
+    f8 code = k < 4 ? follow_any(field, &b, &s[k]) : known;
+    for (int l = 0; l < LANES && k < 4; l++) rays->met[guess->texels[l]][k] = code[l];
     i8 none = code < all(0);
     code = larger(code, all(0));
-    judge(field, &b, s, &code, &v[k]);
-    v[k].score = choose(none, all(-1), v[k].score);
-    best = larger(best, v[k].score);
+    verdict *now = &v[count++];
+    judge(field, &b, s, &code, now);
+    now->score = choose(none, all(-1), now->score);
+    best = larger(best, now->score);
   }
   lowest = v[0];
   lowest.code = all(256);
-  for (int k = 0; k < 4; k++) {
+  for (int k = 0; k < count; k++) {
     i8 lower = (v[k].score >= LOWER_SHARE * best) & (v[k].code < lowest.code);
     take(&lowest, &v[k], &lower);
   }

@@ -78,8 +78,9 @@ typedef struct {
   uint64_t (*mix)(depth_field *field, depth_rays *rays, const depth_guess *guess);
   /* The paper's way, at the texels themselves. */
   void (*mix_four_tap)(depth_field *field, depth_rays *rays, const depth_guess *texels);
-  /* As mix, without guesses: follows each slice along the rays. */
-  uint64_t (*seek)(depth_field *field, depth_rays *rays, const depth_guess *guess);
+  /* As mix, but follows slices along the rays: those of the mask, of which bit 4 stands for the
+   * guesses themselves. */
+  uint64_t (*seek)(depth_field *field, depth_rays *rays, const depth_guess *guess, unsigned slices);
   /* The same of one texel, which is to reach `wanted`, `reach` slices each way: 1 for the four
    * around, 2 for sixteen, of which the four have been followed before and the corners are only
    * asked. */

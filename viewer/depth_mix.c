@@ -69,6 +69,7 @@ enum {
 
 typedef struct {
   bool try, follow; /* this time */
+  unsigned slices;  /* that are followed of what has been forgotten */
 } patience;
 
 static patience recall(const depth_mixer *m, size_t block, depth_memory *last) {
@@ -78,7 +79,9 @@ static patience recall(const depth_mixer *m, size_t block, depth_memory *last) {
     if (last->score[k] < (int)(100 * ALL_AGREE) &&
         (last->kind[k] != SEEN_NOT || turn % FORGET_UNSEEN == 0))
       last->kind[k] = SEEN_UNKNOWN;
-  return (patience){.try = turn % TRY == 0, .follow = turn % FOLLOW == 0};
+  return (patience){.try = turn % TRY == 0,
+                    .follow = turn % FOLLOW == 0,
+                    .slices = turn / FORGET % 2 ? 0x19 : 0x16};
 }
 
 /* A little less than last time. What was wanted stays wanted until the next search: scores do not
@@ -189,16 +192,19 @@ static uint64_t mix_guessed(depth_mixer *m, depth_rays *rays, uint64_t texels,
 
 /* The same without guesses. Slices are followed along eight rays at once, or four slices along one
  * where there are few. */
-static uint64_t mix_sought(depth_mixer *m, depth_rays *rays, uint64_t texels) {
+static uint64_t mix_sought(depth_mixer *m, depth_rays *rays, uint64_t texels,
+                           const depth_memory *last, unsigned slices) {
   enum { FEW = 3 };
   uint64_t mixed = 0;
   while (texels) {
     depth_guess g = {.count = 0};
-    for (; texels && g.count < LANES; texels &= texels - 1)
-      add_guess(&g, (uint32_t)__builtin_ctzll(texels), 0, LEAST_NEAR);
+    for (; texels && g.count < LANES; texels &= texels - 1) {
+      const uint32_t k = (uint32_t)__builtin_ctzll(texels);
+      add_guess(&g, k, (float)last->code[k] / 256, LEAST_NEAR);
+    }
     repeat_first(&g);
-    if (g.count > FEW)
-      mixed |= m->kernel->seek(&m->field, rays, &g);
+    if (g.count > FEW || slices != 0xf)
+      mixed |= m->kernel->seek(&m->field, rays, &g, slices);
     else
       for (int l = 0; l < g.count; l++)
         mixed |= (uint64_t)m->kernel->seek_alone(&m->field, rays, g.texels[l], 1, LEAST_NEAR)
@@ -246,12 +252,15 @@ static uint64_t mix_rest(depth_mixer *m, depth_rays *rays, uint64_t left, const 
   foretold |= mix_guessed(m, rays, left & ~foretold, known, GUESS_RIGHT, GUESS_COUNT);
   left &= ~foretold;
   if (p.try) left &= ~mix_wide(m, rays, left & wide, last, kinds);
-  uint64_t unseen = blind & ~foretold;
+  uint64_t unseen = blind & ~foretold, forgotten = left & known->unknown;
+  for (uint64_t rest = forgotten; rest; rest &= rest - 1)
+    if (last->score[__builtin_ctzll(rest)] <= 0) forgotten &= ~(rest & -rest);
+  if (__builtin_popcountll(forgotten) > 3) left &= ~mix_sought(m, rays, forgotten, last, p.slices);
   if (p.follow) {
-    left &= ~mix_sought(m, rays, left);
+    left &= ~mix_sought(m, rays, left, last, 0xf);
     unseen &= left;
   } else {
-    left &= ~mix_sought(m, rays, left & ~blind);
+    left &= ~mix_sought(m, rays, left & ~blind, last, 0xf);
   }
   for (left &= ~blind; left; left &= left - 1) {
     const uint32_t k = (uint32_t)__builtin_ctzll(left);
