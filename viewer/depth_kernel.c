@@ -936,7 +936,7 @@ static uint64_t mix(depth_field *field, depth_rays *rays, const depth_guess *gue
   code = choose(magnitude(code - guess) < 4.0f * tolerance(guess), code, guess);
   judge(field, &b, s, &code, &v);
   i8 good = v.score > wanted;
-  if (mask_bits(~good & (code != guess))) {
+  if (mask_bits(~good & (magnitude(code - guess) > MOVED_SHARE * tolerance(guess)))) {
     verdict unmoved;
     judge(field, &b, s, &guess, &unmoved);
     i8 better = ~good & (unmoved.score > v.score);
