@@ -126,14 +126,14 @@ enum {
  * lies beyond a surface's rim has no say. */
 #define LEAST_SEEING 0.5f
 /* The weight of slices that must agree for no more to be asked. */
-#define ALL_AGREE 0.93f
+#define ALL_AGREE 0.85f
 /* The weight of slices that must agree for a height to be steady. */
-#define MOST_AGREE 0.5f
+#define MOST_AGREE 0.3f
 /* How far apart two heights may be and still be one: codes, slopes and edges are not exact. */
 #define TOLERANCE_UNITS 0.005f
 #define TOLERANCE_SHARE 0.03f
 /* How much less than last time, or than a neighbour's, a score may be, as directions change. */
-#define SCORE_SLACK 0.2f
+#define SCORE_SLACK 0.25f
 /* Scores below which a height is none, of the four slices around and of more. */
 #define LEAST_NEAR 0.15f
 #define LEAST_WIDE 0.01f
