@@ -1,5 +1,6 @@
 #include "codec/block_code.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 // clang-format off
@@ -39,37 +40,38 @@ static ac_token token_in_window(const huffman_decoder *decoder, uint32_t window,
   return token;
 }
 
-static bool is_small(int32_t level) {
-  return level >= -FAST_MAX_LEVEL && level <= FAST_MAX_LEVEL;
-}
-
-/* A level that the window does not show whole, or a large one. */
-static uint32_t large_entry(const huffman_decoder *decoder, uint32_t window) {
-  unsigned bits, symbol = huffman_read(decoder, 1, window << (16 - FAST_BITS), &bits);
+/* A level that the window does not show whole. */
+static uint8_t large_entry(const huffman_decoder *decoder, uint32_t window, unsigned window_bits,
+                           uint32_t *levels) {
+  unsigned bits, symbol = huffman_read(decoder, 1, window << (16 - window_bits), &bits);
   unsigned size = symbol & 15;
-  if (bits == 0 || bits > FAST_BITS || size == 0) return 0;
-  return ((symbol >> 4) + 1) << 7 | bits << 12 | size << 17;
+  *levels = 0;
+  if (bits == 0 || bits > window_bits || size == 0) return FAST_NONE;
+  *levels = ((symbol >> 4) + 1) | size << 8;
+  return (uint8_t)(FAST_NONE | (bits + size));
 }
 
-static uint32_t ac_entry(const huffman_decoder *decoder, const huffman_decoder *later,
-                         uint32_t window) {
-  ac_token first = token_in_window(decoder, window, FAST_BITS);
-  if (first.taken == 0 || !is_small(first.level)) return large_entry(decoder, window);
-  if (first.end) return first.taken | FAST_END;
-  unsigned taken = first.taken, step = 0, left = FAST_BITS - first.taken;
-  int32_t level = 0;
-  bool end = false;
-  for (int more = 0; more < 2 && left; more++) {
+/* What is taken, with its flags; the levels at *levels. */
+static uint8_t ac_entry(const huffman_decoder *decoder, const huffman_decoder *later,
+                        uint32_t window, unsigned window_bits, uint32_t *levels) {
+  ac_token first = token_in_window(decoder, window, window_bits), second = {0};
+  if (first.taken == 0) return large_entry(decoder, window, window_bits, levels);
+  unsigned taken = first.taken, left = window_bits - taken;
+  bool end = first.end;
+  for (int more = 0; more < 2 && left && !end; more++) {
     ac_token next = token_in_window(later, window & ((1u << left) - 1), left);
-    if (next.taken == 0 || !is_small(next.level) || (more && !next.end)) break;
+    bool fits = next.end || (!more && next.step <= FAST_MAX_SECOND_STEP &&
+                             abs(next.level) <= FAST_MAX_SECOND_LEVEL);
+    if (next.taken == 0 || !fits) break;
     taken += next.taken;
     left -= next.taken;
-    if ((end = next.end)) break;
-    step = next.step;
-    level = next.level;
+    end = next.end;
+    if (!end) second = next;
   }
-  return taken | (end ? FAST_END : 0) | first.step << 7 | step << 12 |
-         ((uint32_t)first.level & 127) << 18 | ((uint32_t)level & 127) << 25;
+  *levels = first.end ? 0
+                      : first.step | second.step << 5 | ((uint32_t)second.level & 255) << 8 |
+                            (uint32_t)first.level << 16;
+  return (uint8_t)(taken | (end ? FAST_END : 0));
 }
 
 static uint8_t dc_entry(const huffman_decoder *decoder, uint32_t window) {
@@ -148,10 +150,15 @@ void block_tables_make(const block_codes *codes, block_tables *tables) {
     tables->head[w] = head_entry(&tables->decoders[CODE_HEAD], w);
     for (int i = 0; i < 4; i++) tables->dc[i][w] = dc_entry(&tables->decoders[CODE_DC + i], w);
   }
-  for (uint32_t w = 0; w < 1u << FAST_BITS; w++)
-    for (int i = 0; i < 8; i++)
-      tables->ac[i][w] =
-          ac_entry(&tables->decoders[CODE_AC + i], &tables->decoders[CODE_AC + (i | 1)], w);
+  for (int i = 0; i < 4; i++) {
+    const huffman_decoder *first = &tables->decoders[CODE_AC + 2 * i], *later = first + 1;
+    first_ac_table *at_first = &tables->first_ac[i];
+    ac_table *then = &tables->later_ac[i];
+    for (uint32_t w = 0; w < 1u << FAST_FIRST_BITS; w++)
+      at_first->taken[w] = ac_entry(first, later, w, FAST_FIRST_BITS, &at_first->levels[w]);
+    for (uint32_t w = 0; w < 1u << FAST_BITS; w++)
+      then->taken[w] = ac_entry(later, later, w, FAST_BITS, &then->levels[w]);
+  }
   for (uint32_t w = 0; w < 1u << PASS_BITS; w++) {
     tables->bare_heads[w] = bare_heads_entry(tables, w);
     for (unsigned i = 0; i < PASS_STATES; i++) tables->pass[i][w] = pass_entry(tables, i, w);

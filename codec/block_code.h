@@ -8,7 +8,8 @@ enum {
   COEFFICIENTS = 64,
   MAX_LEVEL = 32767,
   LEVELS_STRIDE = 80, /* a channel's 64 levels and room for what a damaged C-Block writes beyond */
-  FAST_BITS = 10,
+  FAST_BITS = 11,
+  FAST_FIRST_BITS = 9,
   FAST_DC_BITS = 9,
   FAST_HEAD_BITS = 10,
   /* AC symbols are run << 4 | size as in JPEG, and with size 0: */
@@ -79,41 +80,53 @@ static inline int32_t extend(uint32_t value, unsigned size) {
                                           : (int32_t)value;
 }
 
-/* An AC entry holds as many whole levels as FAST_BITS show, two at most, small ones: bits 0-5 how
- * many bits they take, 0 if none is whole; 6 the channel ends here; 7-11 and 12-16 how far each
- * lies behind the one before (0: there is none); 18-24 and 25-31 the levels. Where none is whole,
- * but the first one's code is: 7-11 how far it lies, 12-16 how many bits the code takes, 17-20 and
- * then the level. A DC entry: bits 0-3 how many bits the code takes, 4-7 and then the level; 0 if
- * the code has more than FAST_DC_BITS. Small entries: the tables of a scheme fit in a first-level
- * cache. */
+/* A look at AC levels shows as many whole ones as a window has, two at most. What they take has a
+ * byte of its own, FAST_TAKEN and flags: each look waits for the one before to say it, and small
+ * tables stay in a first-level cache; those of the levels, for which nothing waits, need not. A
+ * channel's first look, one in fifteen, makes do with a smaller window.
+ *
+ * Levels: bits 0-4 how far the first lies behind the one before (0: there is none), 5-7 the second
+ * behind that, 8-15 the second, 16-31 the first. With FAST_NONE none is whole; if the first one's
+ * code is, FAST_TAKEN are the bits of both, bits 0-4 as ever, 8-15 how many bits the level has, and
+ * if not, all is 0.
+ *
+ * A DC entry: bits 0-3 how many bits the code takes, 4-7 and then the level; 0 if the code has more
+ * than FAST_DC_BITS. */
 enum {
-  FAST_END = 1 << 6,
-  FAST_MAX_LEVEL = 63,
+  FAST_TAKEN = 63,
+  FAST_END = 1 << 6, /* the channel ends here */
+  FAST_NONE = 1 << 7,
+  FAST_MAX_SECOND_STEP = 7,
+  FAST_MAX_SECOND_LEVEL = 127,
   FAST_DC_SIZE = 14, /* a head and two DC levels: 9 + 2 x (9 + 14) bits, which a refill gives */
   LONG_DC = 255,
   NO_DC = 4
 };
-static inline unsigned fast_taken(uint32_t entry) {
-  return entry & 63;
+static inline unsigned fast_step(uint32_t levels) {
+  return levels & 31;
 }
-static inline unsigned fast_step(uint32_t entry) {
-  return entry >> 7 & 31;
+static inline unsigned fast_second_step(uint32_t levels) {
+  return levels >> 5 & 7;
 }
-static inline unsigned fast_second_step(uint32_t entry) {
-  return entry >> 12 & 31;
+static inline int32_t fast_level(uint32_t levels) {
+  return (int32_t)levels >> 16;
 }
-static inline unsigned large_code_bits(uint32_t entry) {
-  return entry >> 12 & 31;
+static inline int32_t fast_second_level(uint32_t levels) {
+  return (int8_t)(levels >> 8);
 }
-static inline unsigned large_size(uint32_t entry) {
-  return entry >> 17 & 15;
+static inline unsigned large_size(uint32_t levels) {
+  return levels >> 8 & 255;
 }
-static inline int32_t fast_level(uint32_t entry) {
-  return (int32_t)(entry << 7) >> 25;
-}
-static inline int32_t fast_second_level(uint32_t entry) {
-  return (int32_t)entry >> 25;
-}
+
+typedef struct {
+  uint32_t levels[1 << FAST_BITS];
+  uint8_t taken[1 << FAST_BITS];
+} ac_table;
+
+typedef struct {
+  uint32_t levels[1 << FAST_FIRST_BITS];
+  uint8_t taken[1 << FAST_FIRST_BITS];
+} first_ac_table;
 
 /* To pass over AC levels, only their bits are counted. A state is what of a block is still to come:
  * residual or not, the channels, the first level of a channel or a later one. An entry: bits 0-5
@@ -137,7 +150,8 @@ static inline unsigned pass_next_channel(unsigned state) {
 }
 
 typedef struct {
-  uint32_t ac[8][1 << FAST_BITS];
+  first_ac_table first_ac[4]; /* + 2 residual + chroma */
+  ac_table later_ac[4];
   uint8_t dc[NO_DC + 1][1 << FAST_DC_BITS]; /* NO_DC: takes nothing, gives 0 */
   uint16_t head[1 << FAST_DC_BITS];         /* bits 0-7 bits taken, 0 if longer; 8-15 the symbol */
   /* Bits 0-5 bits taken with the DC levels behind, 0 if this is not the place to look; 6-9 those of

@@ -137,46 +137,71 @@ static __attribute__((noinline)) bool parse_long(const huffman_decoder *decoder,
   return true;
 }
 
+/* Where in a channel's AC levels the reader is. */
+typedef struct {
+  int16_t *levels;
+  uint64_t k;           /* of the level read last */
+  uint32_t sum;         /* what was taken since the reader's count was right, its flags aside */
+  uint32_t taken, seen; /* by the last look: its entry */
+} channel_reader;
+
+/* Takes what a window shows; false where the next look cannot follow: see `taken`. */
+static inline __attribute__((always_inline)) bool look(channel_reader *c, bit_reader *r,
+                                                       const uint8_t *taken, const uint32_t *levels,
+                                                       unsigned window_bits) {
+  uint64_t window = r->bits >> (64 - window_bits);
+  c->taken = taken[window];
+  c->seen = levels[window];
+  if (__builtin_expect(c->taken & FAST_NONE, 0)) return false;
+  r->bits <<= c->taken & FAST_TAKEN;
+  c->sum += c->taken;
+  c->k += fast_step(c->seen);
+  add_level(&c->levels[slf_zigzag[c->k]], fast_level(c->seen));
+  c->k += fast_second_step(c->seen);
+  add_level(&c->levels[slf_zigzag[c->k]], fast_second_level(c->seen));
+  return !(c->taken & FAST_END);
+}
+
+/* A level of which the last look saw the code. */
+static inline __attribute__((always_inline)) void take_large(channel_reader *c, bit_reader *r) {
+  unsigned taken = c->taken & FAST_TAKEN, size = large_size(c->seen);
+  if (r->count < FAST_BITS + 15) refill(r);
+  c->k += fast_step(c->seen);
+  add_level(&c->levels[slf_zigzag[c->k]], level_at_top(r->bits << (taken - size), size));
+  consume(r, taken);
+}
+
 /* A channel's AC levels, added to what is there; *last_k grows to the last one's place. */
 static inline __attribute__((always_inline)) bool
 parse_ac(const block_tables *tables, int code, bit_reader *r, int16_t *levels, unsigned *last_k) {
-  const uint32_t *table = tables->ac[code - CODE_AC], *later = tables->ac[(code | 1) - CODE_AC];
-  uint64_t k = 0;
-  for (;; table = later) {
-    uint32_t entry = 0;
-    refill(r);
-#pragma GCC unroll 5
-    for (int i = 0; i < FAST_READS; i++, table = later) {
-      entry = table[r->bits >> (64 - FAST_BITS)];
-      if (__builtin_expect(fast_taken(entry) == 0, 0)) break;
-      consume(r, fast_taken(entry));
-      k += fast_step(entry);
-      add_level(&levels[slf_zigzag[k]], fast_level(entry));
-      k += fast_second_step(entry);
-      add_level(&levels[slf_zigzag[k]], fast_second_level(entry));
-      if (entry & FAST_END) {
-        *last_k = k > *last_k ? (unsigned)k : *last_k;
-        return k < COEFFICIENTS;
-      }
+  const first_ac_table *first = &tables->first_ac[(code - CODE_AC) / 2];
+  const ac_table *later = &tables->later_ac[(code - CODE_AC) / 2];
+  channel_reader c = {.levels = levels};
+  refill(r);
+  bool more = look(&c, r, first->taken, first->levels, FAST_FIRST_BITS);
+  for (;; more = true) {
+    if (more) {
+      code |= 1;
+#pragma GCC unroll 4
+      for (int i = 1; i < FAST_READS; i++)
+        if (!look(&c, r, later->taken, later->levels, FAST_BITS)) break;
     }
-    if (__builtin_expect(k >= COEFFICIENTS, 0)) return false;
-    if (fast_taken(entry)) continue;
-    if (__builtin_expect(large_code_bits(entry) != 0, 1)) {
-      if (r->count < FAST_BITS + 15) refill(r);
-      consume(r, large_code_bits(entry));
-      k += fast_step(entry);
-      add_level(&levels[slf_zigzag[k]], take_level(r, large_size(entry)));
-    } else {
+    r->count -= c.sum & FAST_TAKEN;
+    c.sum = 0;
+    bool end = c.taken & FAST_END, good = true;
+    if (__builtin_expect(c.taken == FAST_NONE, 0)) {
       bit_reader copy = *r;
-      unsigned at = (unsigned)k;
-      int long_code = table == later ? code | 1 : code;
-      bool end, good = parse_long(&tables->decoders[long_code], &copy, &at, levels, &end);
+      unsigned k = (unsigned)c.k;
+      good = k < COEFFICIENTS && parse_long(&tables->decoders[code], &copy, &k, levels, &end);
       *r = copy;
-      k = at;
-      if (end) *last_k = k > *last_k ? (unsigned)k : *last_k;
-      if (!good || end) return good;
+      c.k = k;
+    } else if (c.taken & FAST_NONE) {
+      take_large(&c, r);
     }
-    if (__builtin_expect(k >= COEFFICIENTS, 0)) return false;
+    if (end) *last_k = c.k > *last_k ? (unsigned)c.k : *last_k;
+    if (end || !good || __builtin_expect(c.k >= COEFFICIENTS, 0))
+      return end && good && c.k < COEFFICIENTS;
+    refill(r);
   }
 }
 
