@@ -384,8 +384,8 @@ typedef struct {
 INLINE sample read(const uint8_t *bytes, const int32_t texel[LANES], i8 weights) {
   const __m256i side_by_side = _mm256_broadcastsi128_si256(
       _mm_setr_epi8(0, 4, 1, 5, 2, 6, 3, 7, 8, 12, 9, 13, 10, 14, 11, 15));
-  const __m256i across = _mm256_broadcastsi128_si256(
-      _mm_setr_epi8(0, 1, 0, 1, 0, 1, 0, 1, 4, 5, 4, 5, 4, 5, 4, 5));
+  const __m256i across =
+      _mm256_broadcastsi128_si256(_mm_setr_epi8(0, 1, 0, 1, 0, 1, 0, 1, 4, 5, 4, 5, 4, 5, 4, 5));
   const __m256i down = _mm256_broadcastsi128_si256(
       _mm_setr_epi8(-1, 2, -1, 2, -1, 2, -1, 2, -1, 6, -1, 6, -1, 6, -1, 6));
   sample r;
@@ -409,8 +409,8 @@ INLINE i8 heights_of(const sample *r) {
 
 /* Adds a share, of WHOLE, of what was read as linear light. */
 INLINE void add(sample *sum, const sample *r, i8 share) {
-  const __m256i first = _mm256_broadcastsi128_si256(
-      _mm_setr_epi8(0, 1, 0, 1, 0, 1, 0, 1, 4, 5, 4, 5, 4, 5, 4, 5));
+  const __m256i first =
+      _mm256_broadcastsi128_si256(_mm_setr_epi8(0, 1, 0, 1, 0, 1, 0, 1, 4, 5, 4, 5, 4, 5, 4, 5));
   const __m256i last = _mm256_broadcastsi128_si256(
       _mm_setr_epi8(8, 9, 8, 9, 8, 9, 8, 9, 12, 13, 12, 13, 12, 13, 12, 13));
   for (int k = 0; k < 2; k++) {
@@ -567,12 +567,16 @@ INLINE void load_frames(const depth_frame *frames, const int32_t texel[LANES], f
 #endif
 }
 
-/* The frames at texels (x, y) of the light: those of the nearest, moved on by how they change. */
-static __attribute__((noinline)) void frames_at(const depth_field *field, const f8 *x, const f8 *y,
-                                                frame8 *at) {
-  const depth_pages *p = &field->pages;
+/* The texels of the light that are nearest to places, and how far from them those lie. */
+typedef struct {
   int32_t texel[LANES];
-  f8 u = *x + 0.5f, v = *y + 0.5f;
+  f8 e_u, e_v;
+} nearest8;
+
+INLINE nearest8 nearest_to(const depth_field *field, f8 x, f8 y) {
+  const depth_pages *p = &field->pages;
+  nearest8 at;
+  f8 u = x + 0.5f, v = y + 0.5f;
   if (!FLAT && p->wrap_u) {
     f8 round = all((float)p->u_count);
     u = choose(u < all(0), u + round, choose(u >= round, u - round, u));
@@ -580,9 +584,24 @@ static __attribute__((noinline)) void frames_at(const depth_field *field, const 
   i8 i = to_int(smaller(larger(u, all(0)), all((float)p->u_count - 0.5f)));
   i8 j = to_int(smaller(larger(v, all(0)), all((float)p->v_count - 0.5f)));
   i8 number = j * (int32_t)p->u_count + i;
-  memcpy(texel, &number, sizeof texel);
-  load_frames(field->frames, texel, at);
-  f8 e_u = u - to_float(i) - 0.5f, e_v = v - to_float(j) - 0.5f;
+  memcpy(at.texel, &number, sizeof number);
+  at.e_u = u - to_float(i) - 0.5f, at.e_v = v - to_float(j) - 0.5f;
+  return at;
+}
+
+INLINE void prefetch_frames(const depth_frame *frames, const int32_t texel[LANES]) {
+  for (int l = 0; l < LANES; l++) {
+    __builtin_prefetch(&frames[texel[l]]);
+    __builtin_prefetch((const char *)&frames[texel[l] + 1] - 1);
+  }
+}
+
+/* The frames at texels (x, y) of the light: those of the nearest, moved on by how they change. */
+static __attribute__((noinline)) void frames_at(const depth_field *field, const f8 *x, const f8 *y,
+                                                frame8 *at) {
+  const nearest8 nearest = nearest_to(field, *x, *y);
+  const f8 e_u = nearest.e_u, e_v = nearest.e_v;
+  load_frames(field->frames, nearest.texel, at);
   f8 right_u = at->across[0] * e_u + at->across[1] * e_v;
   f8 right_v = at->across[2] * e_u + at->across[3] * e_v;
   f8 tilt_u = at->bend[0] * e_u + at->bend[1] * e_v, tilt_v = at->bend[2] * e_u + at->bend[3] * e_v;
@@ -758,50 +777,93 @@ INLINE void step_to(const frame8 *at, const place8 *point, f8 q_u, f8 q_v, f8 *e
   *rise = (n[0] * *e_u + n[1] * *e_v) * point->u + (n[2] * *e_u + n[3] * *e_v) * point->v;
 }
 
-/* The same from texel to texel, by Newton's method: what one slice sees through a ripple lies
- * beyond the next one's. */
-static __attribute__((noinline)) reading see_curved(const depth_field *field, const bundle *b,
-                                                    const sight *s, const f8 *height,
-                                                    f8 *expected) {
-  f8 q_u = b->qx + s->dx, q_v = b->qy + s->dy, x = b->x, y = b->y, point[3], e_u, e_v, rise;
-  place8 from = {-*height * b->qx, -*height * b->qy, *height};
-  for (int k = 0; k < 3; k++)
-    point[k] = b->at.position[k] + from.u * b->at.tangent_u[k] + from.v * b->at.tangent_v[k] +
-               from.height * b->at.normal[k];
-  frame8 next;
-  const frame8 *at = &b->at;
-  i8 moving = all_int(-1);
-  for (int i = 0;; i++) {
-    step_to(at, &from, q_u, q_v, &e_u, &e_v, &rise);
-    x = choose(moving, x + e_u, x), y = choose(moving, y + e_v, y);
-    *expected = from.height + rise;
-    moving = ~(larger(magnitude(e_u), magnitude(e_v)) < all(SETTLED_TEXELS));
-    if (i == MEET_STEPS || !mask_bits(moving)) break;
-    frames_at(field, &x, &y, &next);
-    at = &next;
-    f8 off[3];
-    for (int k = 0; k < 3; k++) off[k] = point[k] - at->position[k];
-    from = (place8){dot(off, at->tangent_u), dot(off, at->tangent_v), dot(off, at->normal)};
-  }
-  f8 there = larger(*expected, all(0));
-  *expected = 256.0f * there / (field->unit + there);
-  reading r = find(field, s, x, y);
-  r.inside &= ~moving;
-  return r;
+/* A search for where a slice sees a point. */
+typedef struct {
+  f8 q_u, q_v, x, y, expected;
+  i8 moving;
+  nearest8 nearest;
+} meeting;
+
+/* On from frames at texels (x, y), in which the point is at `at`. */
+INLINE void step_meeting(meeting *m, const frame8 *frames, f8 x, f8 y, const place8 *at) {
+  f8 e_u, e_v, rise;
+  step_to(frames, at, m->q_u, m->q_v, &e_u, &e_v, &rise);
+  x += e_u, y += e_v;
+  f8 moved = larger(magnitude(x - m->x), magnitude(y - m->y));
+  m->x = choose(m->moving, x, m->x), m->y = choose(m->moving, y, m->y);
+  m->expected = at->height + rise;
+  m->moving = ~(moved < all(SETTLED_TEXELS));
 }
 
-/* Where a slice sees what the ray meets at a height, and the code that it should see there. */
-INLINE reading see_from(const depth_field *field, const bundle *b, const sight *s, f8 h, f8 code,
-                        f8 *expected) {
-  *expected = code;
-  return is_curved(field) ? see_curved(field, b, s, &h, expected)
-                          : see_flat(field, b, s, h * s->dx, h * s->dy);
+INLINE place8 place_in(const frame8 *frames, const f8 point[3]) {
+  f8 off[3];
+  for (int k = 0; k < 3; k++) off[k] = point[k] - frames->position[k];
+  return (place8){dot(off, frames->tangent_u), dot(off, frames->tangent_v),
+                  dot(off, frames->normal)};
+}
+
+/* The same from texel to texel, by Newton's method: what one slice sees through a ripple lies
+ * beyond the next one's. Of all slices at once, so that the frames that one needs come while others
+ * step. */
+static __attribute__((noinline)) void see_curved(const depth_field *field, const bundle *b,
+                                                 const sight *s, int count, const f8 *height,
+                                                 f8 *expected, reading *at) {
+  const place8 begin = {-*height * b->qx, -*height * b->qy, *height};
+  meeting meetings[4];
+  f8 point[3];
+  unsigned going = 0;
+  for (int k = 0; k < 3; k++)
+    point[k] = b->at.position[k] + begin.u * b->at.tangent_u[k] + begin.v * b->at.tangent_v[k] +
+               begin.height * b->at.normal[k];
+  for (int k = 0; k < count; k++) {
+    meeting *m = &meetings[k];
+    m->q_u = b->qx + s[k].dx, m->q_v = b->qy + s[k].dy;
+    m->x = b->x, m->y = b->y, m->moving = all_int(-1);
+    step_meeting(m, &b->at, b->x, b->y, &begin);
+    going |= (unsigned)(mask_bits(m->moving) != 0) << k;
+  }
+  for (int i = 0; i < MEET_STEPS && going; i++) {
+    for (unsigned left = going; left; left &= left - 1) {
+      meeting *m = &meetings[__builtin_ctz(left)];
+      m->nearest = nearest_to(field, m->x, m->y);
+      prefetch_frames(field->frames, m->nearest.texel);
+    }
+    for (unsigned left = going; left; left &= left - 1) {
+      meeting *m = &meetings[__builtin_ctz(left)];
+      frame8 next;
+      load_frames(field->frames, m->nearest.texel, &next);
+      const place8 there = place_in(&next, point);
+      step_meeting(m, &next, m->x - m->nearest.e_u, m->y - m->nearest.e_v, &there);
+      if (!mask_bits(m->moving)) going ^= left & -left;
+    }
+  }
+  for (int k = 0; k < count; k++) {
+    const meeting *m = &meetings[k];
+    f8 there = larger(m->expected, all(0));
+    expected[k] = 256.0f * there / (field->unit + there);
+    at[k] = find(field, &s[k], m->x, m->y);
+    at[k].inside &= ~m->moving;
+  }
+}
+
+/* Where slices see what the ray meets at a height, and the codes that they should see there. */
+INLINE void see(const depth_field *field, const bundle *b, const sight *s, int count, f8 code,
+                f8 *expected, reading *at) {
+  const f8 h = height_of(field, code);
+  if (is_curved(field)) {
+    see_curved(field, b, s, count, &h, expected, at);
+    return;
+  }
+  for (int k = 0; k < count; k++) {
+    at[k] = see_flat(field, b, &s[k], h * s[k].dx, h * s[k].dy);
+    expected[k] = code;
+  }
 }
 
 /* What a slice sees there, less what it should. */
 INLINE f8 look_from(depth_field *field, const bundle *b, const sight *s, f8 code, reading *at) {
   f8 expected;
-  *at = see_from(field, b, s, height_of(field, code), code, &expected);
+  see(field, b, s, 1, code, &expected, at);
   return look(field, at) - expected;
 }
 
@@ -827,8 +889,10 @@ static void judge(depth_field *field, const bundle *b, const sight s[4], const f
   f8 scale = 1.0f / tolerance(*code), score;
   f8 seeing = all(0);
   v->code = *code, v->score = all(0), v->agreed = all(0);
+  f8 expected[4];
+  see(field, b, s, 4, *code, expected, v->at);
   for (int k = 0; k < 4; k++) {
-    f8 off = look_from(field, b, &s[k], *code, &v->at[k]);
+    f8 off = look(field, &v->at[k]) - expected[k];
     v->weight[k] = witness(&s[k], off, scale, v->at[k].inside, &score);
     v->agreed += v->weight[k], v->score += score;
     seeing += choose(v->at[k].inside, s[k].weight, all(0));
@@ -1115,8 +1179,10 @@ INLINE float sum_of(f8 v) {
 
 static float judge_fan(depth_field *field, fan *a, float code) {
   f8 scale = 1.0f / tolerance(all(code)), sum = all(0), moved = all(0), near = all(0), score;
+  f8 expected[MOST_SIGHTS / LANES];
+  see(field, &a->b, a->s, a->group_count, all(code), expected, a->at);
   for (int g = 0; g < a->group_count; g++) {
-    f8 off = look_from(field, &a->b, &a->s[g], all(code), &a->at[g]);
+    f8 off = look(field, &a->at[g]) - expected[g];
     a->weight[g] = witness(&a->s[g], off, scale, a->at[g].inside, &score);
     sum += score;
     f8 weight = choose((magnitude(off * scale) < all(4)) & a->at[g].inside, a->s[g].weight, all(0));
@@ -1144,8 +1210,7 @@ static bool mix_fan(depth_field *field, const fan *a, depth_rays *rays, uint32_t
   const float agreed = sum_of(weight);
   if (!(agreed > 1e-5f)) return false;
   const f8 unit = share_unit(all(agreed));
-  for (int g = 0; g < a->group_count; g++)
-    add_light(field, &a->at[g], a->weight[g] * unit, &sum);
+  for (int g = 0; g < a->group_count; g++) add_light(field, &a->at[g], a->weight[g] * unit, &sum);
   join_lanes(&sum);
   put(&sum, of_lanes);
   memcpy(rays->rgba[texel], of_lanes[0], sizeof of_lanes[0]);
@@ -1254,26 +1319,26 @@ typedef struct {
   aim at[3];
 } row_aim;
 
-INLINE void aim_at(const depth_field *field, const bundle *b, const sight *s, f8 height, f8 code,
+INLINE void aim_at(const depth_field *field, const sight *s, const reading *r, f8 expected,
                    aim *a) {
-  f8 expected;
-  reading r = see_from(field, b, s, height, code, &expected);
-  memcpy(a->texel, &r.texel, sizeof a->texel);
-  a->weights = weights_of(&r);
+  memcpy(a->texel, &r->texel, sizeof a->texel);
+  a->weights = weights_of(r);
   for (int l = 0; l < LANES; l += 2) /* the next one's lie beside them */
     __builtin_prefetch(field->pages.bytes + 4 * (size_t)(uint32_t)a->texel[l] + 20);
-  a->weight = choose(r.inside, s->weight, all(0));
+  a->weight = choose(r->inside, s->weight, all(0));
   if (!FLAT) a->expected = expected;
 }
 
 INLINE void aim_row(const depth_field *field, const depth_rays *rays, row_aim *a) {
   bundle b;
   sight s[3];
-  const f8 height = height_of(field, a->code);
+  reading at[3];
+  f8 expected[3];
   look_along(field, rays, a->row, &b, s);
-  aim_at(field, &b, &s[0], height, a->code, &a->at[0]);
-  aim_at(field, &b, &s[1], height, a->code, &a->at[1]);
-  aim_at(field, &b, &s[2], height, a->code, &a->at[2]);
+  see(field, &b, s, 3, a->code, expected, at);
+  aim_at(field, &s[0], &at[0], expected[0], &a->at[0]);
+  aim_at(field, &s[1], &at[1], expected[1], &a->at[1]);
+  aim_at(field, &s[2], &at[2], expected[2], &a->at[2]);
 }
 
 /* What they show there. */
@@ -1304,8 +1369,8 @@ INLINE void read_row(depth_field *field, const row_aim *a, view *v) {
   v->of[0] = read(bytes, a->at[0].texel, a->at[0].weights);
   v->of[1] = read(bytes, a->at[1].texel, a->at[1].weights);
   v->of[2] = read(bytes, a->at[2].texel, a->at[2].weights);
-  i8 missing = (heights_of(&v->of[0]) == 0) | (heights_of(&v->of[1]) == 0) |
-               (heights_of(&v->of[2]) == 0);
+  i8 missing =
+      (heights_of(&v->of[0]) == 0) | (heights_of(&v->of[1]) == 0) | (heights_of(&v->of[2]) == 0);
   if (__builtin_expect((mask_bits(missing) & a->lanes) != 0, 0))
     for (int k = 0; k < 3; k++)
       read_anew(field, a->at[k].texel, &a->at[k].weights, a->lanes, &v->of[k]);
@@ -1313,14 +1378,13 @@ INLINE void read_row(depth_field *field, const row_aim *a, view *v) {
   witness_row(&a->at[0], &v->of[0], a->code, limit, scale, &v->weight[0], v, &sum);
   witness_row(&a->at[1], &v->of[1], a->code, limit, scale, &v->weight[1], v, &sum);
   witness_row(&a->at[2], &v->of[2], a->code, limit, scale, &v->weight[2], v, &sum);
-  const f8 seeing =
-      larger(a->at[0].weight + a->at[1].weight + a->at[2].weight, all(LEAST_SEEING));
+  const f8 seeing = larger(a->at[0].weight + a->at[1].weight + a->at[2].weight, all(LEAST_SEEING));
   const f8 part = 1.0f / (sum * seeing); /* one division for two */
   v->moved *= seeing * part, v->score *= sum * part;
 }
 
-/* The whole row is written: what else is in it is mixed afterwards. Where what is good has moved, it
- * is read once more. */
+/* The whole row is written: what else is in it is mixed afterwards. Where what is good has moved,
+ * it is read once more. */
 INLINE unsigned mix_row(depth_field *field, depth_rays *rays, row_aim *a) {
   view v;
   sample sum = {{{0}}};
@@ -1415,5 +1479,5 @@ static void remember(const depth_rays *rays, const uint8_t kinds[64], uint64_t m
   }
 }
 
-const depth_kernel KERNEL = {place, find_steady, find_kind, mix,        mix_four_tap, seek,
-                             seek_alone, mix_wide,    mix_steady, remember};
+const depth_kernel KERNEL = {place, find_steady, find_kind, mix,        mix_four_tap,
+                             seek,  seek_alone,  mix_wide,  mix_steady, remember};
