@@ -114,10 +114,6 @@ INLINE unsigned mask_bits(i8 mask) {
   return (unsigned)_mm256_movemask_ps((f8)mask);
 }
 
-INLINE i8 gather(const void *base, i8 index) {
-  return (i8)_mm256_i32gather_epi32(base, (__m256i)index, 4);
-}
-
 /* Two texels side by side, eight bytes, of each lane: of lanes 0 1 4 5 and of lanes 2 3 6 7. */
 INLINE void load_pairs(const uint8_t *bytes, const int32_t texel[LANES], __m256i *a, __m256i *b) {
   __m128 halves[4];
@@ -139,6 +135,16 @@ INLINE i8 even(__m256i a, __m256i b) {
 
 INLINE i8 odd(__m256i a, __m256i b) {
   return (i8)_mm256_shuffle_ps(_mm256_castsi256_ps(a), _mm256_castsi256_ps(b), 0xdd);
+}
+
+/* Of pairs of numbers, those with the indices. Faster here than the processor's own gathers. */
+INLINE void gather_pairs(const float (*pairs)[2], i8 index, f8 *first, f8 *second) {
+  int32_t at[LANES];
+  __m256i a, b;
+  index *= 2;
+  memcpy(at, &index, sizeof at);
+  load_pairs((const uint8_t *)pairs, at, &a, &b);
+  *first = (f8)even(a, b), *second = (f8)odd(a, b);
 }
 
 /* Four codes of heights, of a texel, its right neighbour and the two below, in a number. */
@@ -224,14 +230,8 @@ INLINE unsigned mask_bits(i8 mask) {
   return bits;
 }
 
-INLINE i8 gather(const void *base, i8 index) {
-  i8 v;
-  for (int l = 0; l < LANES; l++) {
-    int32_t x;
-    memcpy(&x, (const uint8_t *)base + 4 * (ptrdiff_t)index[l], sizeof x);
-    v[l] = x;
-  }
-  return v;
+INLINE void gather_pairs(const float (*pairs)[2], i8 index, f8 *first, f8 *second) {
+  for (int l = 0; l < LANES; l++) (*first)[l] = pairs[index[l]][0], (*second)[l] = pairs[index[l]][1];
 }
 
 INLINE i8 load_codes(const uint8_t *bytes, const int32_t texel[LANES]) {
@@ -625,7 +625,8 @@ static __attribute__((noinline)) void stand_in(const depth_field *field, const i
   i8 any = *cell;
   for (int k = 0; k < 4; k++) {
     i8 number = slice_of(field, *cell, k);
-    f8 slope = (f8)gather(field->slopes, number * 2);
+    f8 slope, other;
+    gather_pairs((const float(*)[2])field->slopes, number, &slope, &other);
     i8 exists = slope == slope;
     any = (number & exists) | (any & ~exists);
   }
@@ -642,16 +643,14 @@ static __attribute__((noinline)) void stand_in(const depth_field *field, const i
 
 /* Slices of those numbers, one for each ray. */
 INLINE sight sight_of(const depth_field *field, const bundle *b, i8 number, f8 weight) {
-  sight s = {.dx = (f8)gather(field->slopes, number * 2) - b->qx,
-             .dy = (f8)gather(field->slopes, number * 2 + 1) - b->qy,
-             .through_x = all(0),
+  sight s = {.through_x = all(0),
              .through_y = all(0),
              .weight = weight,
              .texel = number * (int32_t)field->pages.slice_texels};
-  if (has_slab(field)) {
-    s.through_x = (f8)gather(field->through, number * 2);
-    s.through_y = (f8)gather(field->through, number * 2 + 1);
-  }
+  gather_pairs((const float(*)[2])field->slopes, number, &s.dx, &s.dy);
+  s.dx -= b->qx, s.dy -= b->qy;
+  if (has_slab(field))
+    gather_pairs((const float(*)[2])field->through, number, &s.through_x, &s.through_y);
   return s;
 }
 
