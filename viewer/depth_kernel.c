@@ -1350,21 +1350,20 @@ typedef struct {
                        along the ray they look */
 } view;
 
-INLINE void witness_row(const aim *a, const sample *r, f8 code, f8 limit, f8 scale, f8 *weight,
-                        view *v, f8 *sum) {
+INLINE void witness_row(const aim *a, const sample *r, f8 code, f8 scale, f8 *weight, view *v,
+                        f8 *against) {
   f8 off = to_float(heights_of(r)) * CODE_UNIT - (FLAT ? code : a->expected);
-  f8 of_near = choose(magnitude(off) < limit, a->weight, all(0));
-  v->moved += of_near * off, *sum += of_near;
-  off *= scale;
-  *weight = a->weight * agreement(off);
+  f8 scaled = off * scale;
+  *weight = a->weight * agreement(scaled);
+  v->moved += *weight * off;
   v->agreed += *weight;
-  v->score += choose(off > 2.0f, -a->weight, *weight);
+  *against += choose(scaled > 2.0f, a->weight, all(0));
 }
 
 INLINE void read_row(depth_field *field, const row_aim *a, view *v) {
   const uint8_t *bytes = field->pages.bytes;
-  const f8 near = tolerance(a->code), limit = 4.0f * near, scale = 1.0f / near;
-  f8 sum = all(1e-6f);
+  const f8 scale = 1.0f / tolerance(a->code);
+  f8 against = all(0);
   v->of[0] = read(bytes, a->at[0].texel, a->at[0].weights);
   v->of[1] = read(bytes, a->at[1].texel, a->at[1].weights);
   v->of[2] = read(bytes, a->at[2].texel, a->at[2].weights);
@@ -1373,13 +1372,14 @@ INLINE void read_row(depth_field *field, const row_aim *a, view *v) {
   if (__builtin_expect((mask_bits(missing) & a->lanes) != 0, 0))
     for (int k = 0; k < 3; k++)
       read_anew(field, a->at[k].texel, &a->at[k].weights, a->lanes, &v->of[k]);
-  v->agreed = all(1e-6f), v->score = v->moved = all(0);
-  witness_row(&a->at[0], &v->of[0], a->code, limit, scale, &v->weight[0], v, &sum);
-  witness_row(&a->at[1], &v->of[1], a->code, limit, scale, &v->weight[1], v, &sum);
-  witness_row(&a->at[2], &v->of[2], a->code, limit, scale, &v->weight[2], v, &sum);
-  const f8 seeing = larger(a->at[0].weight + a->at[1].weight + a->at[2].weight, all(LEAST_SEEING));
-  const f8 part = 1.0f / (sum * seeing); /* one division for two */
-  v->moved *= seeing * part, v->score *= sum * part;
+  v->agreed = all(1e-6f), v->moved = all(0);
+  witness_row(&a->at[0], &v->of[0], a->code, scale, &v->weight[0], v, &against);
+  witness_row(&a->at[1], &v->of[1], a->code, scale, &v->weight[1], v, &against);
+  witness_row(&a->at[2], &v->of[2], a->code, scale, &v->weight[2], v, &against);
+  const f8 seeing =
+      larger(a->at[0].weight + a->at[1].weight + a->at[2].weight, all(LEAST_SEEING));
+  const f8 part = 1.0f / (v->agreed * seeing); /* one division for two */
+  v->moved *= seeing * part, v->score = (v->agreed - against) * (v->agreed * part);
 }
 
 /* The whole row is written: what else is in it is mixed afterwards. Where what is good has moved,
