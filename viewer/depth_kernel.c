@@ -231,7 +231,8 @@ INLINE unsigned mask_bits(i8 mask) {
 }
 
 INLINE void gather_pairs(const float (*pairs)[2], i8 index, f8 *first, f8 *second) {
-  for (int l = 0; l < LANES; l++) (*first)[l] = pairs[index[l]][0], (*second)[l] = pairs[index[l]][1];
+  for (int l = 0; l < LANES; l++)
+    (*first)[l] = pairs[index[l]][0], (*second)[l] = pairs[index[l]][1];
 }
 
 INLINE i8 load_codes(const uint8_t *bytes, const int32_t texel[LANES]) {
@@ -1376,8 +1377,7 @@ INLINE void read_row(depth_field *field, const row_aim *a, view *v) {
   witness_row(&a->at[0], &v->of[0], a->code, scale, &v->weight[0], v, &against);
   witness_row(&a->at[1], &v->of[1], a->code, scale, &v->weight[1], v, &against);
   witness_row(&a->at[2], &v->of[2], a->code, scale, &v->weight[2], v, &against);
-  const f8 seeing =
-      larger(a->at[0].weight + a->at[1].weight + a->at[2].weight, all(LEAST_SEEING));
+  const f8 seeing = larger(a->at[0].weight + a->at[1].weight + a->at[2].weight, all(LEAST_SEEING));
   const f8 part = 1.0f / (v->agreed * seeing); /* one division for two */
   v->moved *= seeing * part, v->score = (v->agreed - against) * (v->agreed * part);
 }

@@ -72,6 +72,7 @@ typedef struct {
    * by the four slices around, with a neighbour in the block that saw another thing that is
    * lower. */
   uint64_t (*find_steady)(const depth_memory *last, uint64_t *beside_lower);
+  /* The texels of that kind. */
   uint64_t (*find_kind)(const uint8_t kinds[64], uint8_t kind);
   /* Mixes those of the texels for whose height there is good evidence among the four slices around;
    * returns them. */
@@ -112,18 +113,18 @@ enum {
   LONGEST_STEP = 24,
   MEET_STEPS = 5 /* and how many */
 };
-/* A slice is not followed that looks so far aslant that it would not be followed to this height, in
- * units, or that has hardly any weight. */
 /* Texels by which the last of them may still have moved. */
 #define SETTLED_TEXELS 0.3f
+/* A slice is not followed that looks so far aslant that it would not be followed to this height, in
+ * units, or that has hardly any weight. */
 #define LEAST_REACH 0.1f
 #define LEAST_WITNESS 0.03f
 /* What is lower hides what is higher if it is judged this well beside it. */
 #define LOWER_SHARE 0.2f
 /* A slice on the rim of the neighbourhood keeps this weight: its word on visibility counts. */
 #define LEAST_WEIGHT 0.01f
-/* Scores are shares of the weight of those slices that reach the place at all, or of this much: what
- * lies beyond a surface's rim has no say. */
+/* Scores are shares of the weight of those slices that reach the place at all, or of this much:
+ * what lies beyond a surface's rim has no say. */
 #define LEAST_SEEING 0.5f
 /* The weight of slices that must agree for no more to be asked. */
 #define ALL_AGREE 0.85f
@@ -133,7 +134,7 @@ enum {
 #define TOLERANCE_UNITS 0.005f
 #define TOLERANCE_SHARE 0.03f
 /* How much less than last time, or than a neighbour's, a score may be, as directions change. */
-#define SCORE_SLACK 0.25f
+#define SCORE_SLACK 0.3f
 /* Scores below which a height is none, of the four slices around and of more. */
 #define LEAST_NEAR 0.15f
 #define LEAST_WIDE 0.01f

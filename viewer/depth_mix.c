@@ -56,9 +56,11 @@ bool flat_texel_scale(const slf_mesh *mesh, uint32_t u_count, uint32_t v_count, 
 
 /* What was found for a texel last time is where it is looked for next. Texels with some slices that
  * disagree forget every 16th frame, so that nothing wrong stays: those of a block at once, as
- * eight are followed at the cost of one. Those that the four slices around did not serve try their
- * neighbours' heights every second frame; those that no slice served follow the four along the ray
- * every 16th, and forget that every 64th. Blocks take turns. */
+ * eight are followed at the cost of one. What is forgotten is judged where it was, too, and follows
+ * two of the four slices around, the other two the next time; all of them where that gives nothing.
+ * Those that the four slices around did not serve try their neighbours' heights every second frame;
+ * those that no slice served follow the four along the ray every 16th, and forget that every 64th.
+ * Blocks take turns. */
 enum {
   FORGET = 16,
   FORGET_UNSEEN = 64,
@@ -67,9 +69,15 @@ enum {
   TURN = 13 /* odd: all turns occur */
 };
 
+/* Of the four slices around. */
+enum { ALL_SLICES = 0xf, FIRST_AND_LAST = 0x9, TWO_BETWEEN = 0x6, GUESS_ITSELF = 0x10 };
+/* Texels that are followed one by one. */
+enum { FEW = 3 };
+
 typedef struct {
   bool try, follow; /* this time */
-  unsigned slices;  /* that are followed of what has been forgotten */
+  /* Of what has been forgotten: a mask as of depth_kernel's seek; 0 where nothing was known. */
+  unsigned slices;
 } patience;
 
 static patience recall(const depth_mixer *m, size_t block, depth_memory *last) {
@@ -79,9 +87,10 @@ static patience recall(const depth_mixer *m, size_t block, depth_memory *last) {
     if (last->score[k] < (int)(100 * ALL_AGREE) &&
         (last->kind[k] != SEEN_NOT || turn % FORGET_UNSEEN == 0))
       last->kind[k] = SEEN_UNKNOWN;
+  const unsigned slices = turn / FORGET % 2 ? FIRST_AND_LAST : TWO_BETWEEN;
   return (patience){.try = turn % TRY == 0,
                     .follow = turn % FOLLOW == 0,
-                    .slices = turn / FORGET % 2 ? 0x19 : 0x16};
+                    .slices = m->visits[block] ? slices | GUESS_ITSELF : 0};
 }
 
 /* A little less than last time. What was wanted stays wanted until the next search: scores do not
@@ -111,11 +120,16 @@ static const int8_t steps[GUESS_COUNT] = {0, 0, 1, -1, 8, -8};
 static uint64_t beside(uint64_t mask, guess_origin origin) {
   const uint64_t first_column = 0x0101010101010101u;
   switch (origin) {
-    case GUESS_RIGHT: return mask >> 1 & ~(first_column << 7);
-    case GUESS_LEFT: return mask << 1 & ~first_column;
-    case GUESS_BELOW: return mask >> 8;
-    case GUESS_ABOVE: return mask << 8;
-    default: return mask;
+  case GUESS_RIGHT:
+    return mask >> 1 & ~(first_column << 7);
+  case GUESS_LEFT:
+    return mask << 1 & ~first_column;
+  case GUESS_BELOW:
+    return mask >> 8;
+  case GUESS_ABOVE:
+    return mask << 8;
+  default:
+    return mask;
   }
 }
 
@@ -194,7 +208,6 @@ static uint64_t mix_guessed(depth_mixer *m, depth_rays *rays, uint64_t texels,
  * where there are few. */
 static uint64_t mix_sought(depth_mixer *m, depth_rays *rays, uint64_t texels,
                            const depth_memory *last, unsigned slices) {
-  enum { FEW = 3 };
   uint64_t mixed = 0;
   while (texels) {
     depth_guess g = {.count = 0};
@@ -203,7 +216,7 @@ static uint64_t mix_sought(depth_mixer *m, depth_rays *rays, uint64_t texels,
       add_guess(&g, k, (float)last->code[k] / 256, LEAST_NEAR);
     }
     repeat_first(&g);
-    if (g.count > FEW || slices != 0xf)
+    if (g.count > FEW || slices != ALL_SLICES)
       mixed |= m->kernel->seek(&m->field, rays, &g, slices);
     else
       for (int l = 0; l < g.count; l++)
@@ -252,15 +265,15 @@ static uint64_t mix_rest(depth_mixer *m, depth_rays *rays, uint64_t left, const 
   foretold |= mix_guessed(m, rays, left & ~foretold, known, GUESS_RIGHT, GUESS_COUNT);
   left &= ~foretold;
   if (p.try) left &= ~mix_wide(m, rays, left & wide, last, kinds);
-  uint64_t unseen = blind & ~foretold, forgotten = left & known->unknown;
-  for (uint64_t rest = forgotten; rest; rest &= rest - 1)
-    if (last->score[__builtin_ctzll(rest)] <= 0) forgotten &= ~(rest & -rest);
-  if (__builtin_popcountll(forgotten) > 3) left &= ~mix_sought(m, rays, forgotten, last, p.slices);
+  uint64_t unseen = blind & ~foretold;
+  const uint64_t forgotten = left & known->unknown;
+  if (p.slices && __builtin_popcountll(forgotten) > FEW)
+    left &= ~mix_sought(m, rays, forgotten, last, p.slices);
   if (p.follow) {
-    left &= ~mix_sought(m, rays, left, last, 0xf);
+    left &= ~mix_sought(m, rays, left, last, ALL_SLICES);
     unseen &= left;
   } else {
-    left &= ~mix_sought(m, rays, left & ~blind, last, 0xf);
+    left &= ~mix_sought(m, rays, left & ~blind, last, ALL_SLICES);
   }
   for (left &= ~blind; left; left &= left - 1) {
     const uint32_t k = (uint32_t)__builtin_ctzll(left);
