@@ -522,6 +522,15 @@ static void decode_chained(const layer_state *layer, slf_block_address a, uint8_
   channels_to_codes(layer, channels, u_block);
 }
 
+/* Each look at AC levels waits for the one before: where there are many, none should wait for
+ * memory too. */
+enum { MANY_BLOCKS = 64 };
+static void prefetch_ac_tables(const block_tables *tables) {
+  const char *begin = (const char *)tables->first_ac;
+  for (size_t at = 0; at < sizeof tables->first_ac + sizeof tables->later_ac; at += 64)
+    __builtin_prefetch(begin + at);
+}
+
 static void decode_batch(const layer_state *layer, const slf_block_address *addresses, size_t count,
                          uint8_t *const *u_blocks) {
   if (layer->public.angular == SLF_ANGULAR_MOTION) {
@@ -531,6 +540,7 @@ static void decode_batch(const layer_state *layer, const slf_block_address *addr
   decoder d;
   pending_block ring[RING];
   decoder_begin(&d, layer);
+  if (count >= MANY_BLOCKS) prefetch_ac_tables(layer->streams[STREAM_REST].tables);
   for (size_t ahead = MAKE_AHEAD; ahead; ahead--)
     look_ahead(layer, addresses, count, (size_t)0 - ahead, ring);
   look_ahead(layer, addresses, count, 0, ring);

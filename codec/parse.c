@@ -141,25 +141,30 @@ static __attribute__((noinline)) bool parse_long(const huffman_decoder *decoder,
 typedef struct {
   int16_t *levels;
   uint64_t k;           /* of the level read last */
-  uint32_t sum;         /* what was taken since the reader's count was right, its flags aside */
-  uint32_t taken, seen; /* by the last look: its entry */
+  uint32_t taken, seen; /* what the last look saw: the bits, with flags, and the levels */
+  uint32_t sum;         /* of bits that the reader's count does not know of, modulo 64 */
 } channel_reader;
 
-/* Takes what a window shows; false where the next look cannot follow: see `taken`. */
-static inline __attribute__((always_inline)) bool look(channel_reader *c, bit_reader *r,
-                                                       const uint8_t *taken, const uint32_t *levels,
-                                                       unsigned window_bits) {
-  uint64_t window = r->bits >> (64 - window_bits);
-  c->taken = taken[window];
-  c->seen = levels[window];
-  if (__builtin_expect(c->taken & FAST_NONE, 0)) return false;
+static inline __attribute__((always_inline)) void take_seen(channel_reader *c, bit_reader *r) {
   r->bits <<= c->taken & FAST_TAKEN;
   c->sum += c->taken;
   c->k += fast_step(c->seen);
   add_level(&c->levels[slf_zigzag[c->k]], fast_level(c->seen));
   c->k += fast_second_step(c->seen);
   add_level(&c->levels[slf_zigzag[c->k]], fast_second_level(c->seen));
-  return !(c->taken & FAST_END);
+}
+
+/* Takes what a window shows, unless there is nothing to show or the channel ends: two in one, so
+ * that a look is one branch. */
+static inline __attribute__((always_inline)) bool look(channel_reader *c, bit_reader *r,
+                                                       const uint8_t *taken, const uint32_t *levels,
+                                                       unsigned window_bits) {
+  uint64_t window = r->bits >> (64 - window_bits);
+  c->taken = taken[window];
+  c->seen = levels[window];
+  if (c->taken >= FAST_END) return false;
+  take_seen(c, r);
+  return true;
 }
 
 /* A level of which the last look saw the code. */
@@ -186,6 +191,7 @@ parse_ac(const block_tables *tables, int code, bit_reader *r, int16_t *levels, u
       for (int i = 1; i < FAST_READS; i++)
         if (!look(&c, r, later->taken, later->levels, FAST_BITS)) break;
     }
+    if ((c.taken & (FAST_END | FAST_NONE)) == FAST_END) take_seen(&c, r);
     r->count -= c.sum & FAST_TAKEN;
     c.sum = 0;
     bool end = c.taken & FAST_END, good = true;
