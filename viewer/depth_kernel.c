@@ -106,10 +106,6 @@ INLINE i8 lower(i8 a, i8 b) {
   return (i8)_mm256_min_epi32((__m256i)a, (__m256i)b);
 }
 
-INLINE i8 higher(i8 a, i8 b) {
-  return (i8)_mm256_max_epi32((__m256i)a, (__m256i)b);
-}
-
 INLINE unsigned mask_bits(i8 mask) {
   return (unsigned)_mm256_movemask_ps((f8)mask);
 }
