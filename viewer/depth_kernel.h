@@ -134,7 +134,7 @@ enum {
 #define TOLERANCE_UNITS 0.005f
 #define TOLERANCE_SHARE 0.03f
 /* How much less than last time, or than a neighbour's, a score may be, as directions change. */
-#define SCORE_SLACK 0.3f
+#define SCORE_SLACK 0.25f
 /* Scores below which a height is none, of the four slices around and of more. */
 #define LEAST_NEAR 0.15f
 #define LEAST_WIDE 0.01f
