@@ -111,7 +111,9 @@ for part; do
       ;;
     speed)
       tests/bench/bakes.sh depth-floor-256-16 >&2
-      build/bench/depth mix build/bench-depth-floor-256-16.slf | sed '1d;$d;s/\([0-9]\)$/\1,/'
+      # Where the system places a process's memory decides how much of it the shared cache keeps: medians of nine.
+      for _ in 1 2 3 4 5 6 7 8 9; do build/bench/depth mix build/bench-depth-floor-256-16.slf; done |
+        jq -s 'map(to_entries[]) | group_by(.key) | map({(.[0].key): (map(.value) | sort | .[4])}) | add' | sed '1d;$d;s/\([0-9]\)$/\1,/'
       ;;
     *) echo "depth.sh: '$part': expected floor, bottle, cube, pond, flight or speed" >&2; exit 2 ;;
   esac
