@@ -24,10 +24,10 @@ enum { BLOCK_CACHE_DEFAULT = 65536 };
 
 /* Counts since creation. */
 typedef struct {
-  uint64_t lookups; /* blocks asked for */
-  uint64_t hits;    /* found decompressed */
-  uint64_t
-      decompressions; /* C-Blocks: one for each that was not found, up to 16 at coarser levels */
+  uint64_t lookups;        /* blocks asked for */
+  uint64_t hits;           /* found decompressed */
+  uint64_t decompressions; /* C-Blocks: one for each that was not found, up to 16 at coarser levels;
+                              and those that wait for frames to come */
   uint64_t decompressions_again; /* of them, those that had been decompressed before */
   uint64_t frame_lookups;        /* these since block_cache_begin_frame */
   uint64_t frame_hits;
@@ -54,8 +54,8 @@ block_source block_cache_level(block_cache *cache, uint32_t surface_index, uint3
                                uint32_t level);
 
 /* Decompressing ahead, on several threads: blocks are announced, those that are missing are noted,
- * and then decompressed all at once. `context` is that of a source of this cache. What
- * is announced beyond a quarter of the capacity, or waits for later frames beyond that, is left to
+ * and then decompressed all at once. `context` is that of a source of this cache. What is announced
+ * beyond a quarter of the capacity, or waits for later frames beyond that, is left to
  * the fetches, so that nothing is evicted unused. Each block is announced once before they are
  * decompressed. */
 void block_cache_announce(void *context, uint32_t block_u, uint32_t block_v,

@@ -882,10 +882,8 @@ typedef struct {
 
 static void judge(depth_field *field, const bundle *b, const sight s[4], const f8 *code,
                   verdict *v) {
-  f8 scale = 1.0f / tolerance(*code), score;
-  f8 seeing = all(0);
+  f8 scale = 1.0f / tolerance(*code), score, seeing = all(0), expected[4];
   v->code = *code, v->score = all(0), v->agreed = all(0);
-  f8 expected[4];
   see(field, b, s, 4, *code, expected, v->at);
   for (int k = 0; k < 4; k++) {
     f8 off = look(field, &v->at[k]) - expected[k];

@@ -64,6 +64,9 @@ typedef struct {
   float codes[LANES], wanted[LANES];
 } depth_guess;
 
+/* Of the four slices around, bits 0 to 3, and beside them. */
+enum { ALL_SLICES = 0xf, GUESS_ITSELF = 0x10 };
+
 typedef struct {
   /* The rays of block (block_u, block_v) for its directions. */
   void (*place)(const depth_field *field, uint32_t block_u, uint32_t block_v,
@@ -79,8 +82,8 @@ typedef struct {
   uint64_t (*mix)(depth_field *field, depth_rays *rays, const depth_guess *guess);
   /* The paper's way, at the texels themselves. */
   void (*mix_four_tap)(depth_field *field, depth_rays *rays, const depth_guess *texels);
-  /* As mix, but follows slices along the rays: those of the mask, of which bit 4 stands for the
-   * guesses themselves. */
+  /* As mix, but follows slices along the rays, those of the mask, and with GUESS_ITSELF judges the
+   * guesses beside what they meet. */
   uint64_t (*seek)(depth_field *field, depth_rays *rays, const depth_guess *guess, unsigned slices);
   /* The same of one texel, which is to reach `wanted`, `reach` slices each way: 1 for the four
    * around, 2 for sixteen, of which the four have been followed before and the corners are only

@@ -69,8 +69,8 @@ enum {
   TURN = 13 /* odd: all turns occur */
 };
 
-/* Of the four slices around. */
-enum { ALL_SLICES = 0xf, FIRST_AND_LAST = 0x9, TWO_BETWEEN = 0x6, GUESS_ITSELF = 0x10 };
+/* Halves of ALL_SLICES. */
+enum { FIRST_AND_LAST = 0x9, TWO_BETWEEN = 0x6 };
 /* Texels that are followed one by one. */
 enum { FEW = 3 };
 
@@ -204,8 +204,8 @@ static uint64_t mix_guessed(depth_mixer *m, depth_rays *rays, uint64_t texels,
   return mixed | m->kernel->mix(&m->field, rays, &g);
 }
 
-/* The same without guesses. Slices are followed along eight rays at once, or four slices along one
- * where there are few. */
+/* The same by following those slices along eight rays at once, or all four along one ray where
+ * there are few. */
 static uint64_t mix_sought(depth_mixer *m, depth_rays *rays, uint64_t texels,
                            const depth_memory *last, unsigned slices) {
   uint64_t mixed = 0;

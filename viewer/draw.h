@@ -60,7 +60,8 @@ void drawing_finish(drawing *d);
 /* Shows it in the window's framebuffer of that size. */
 void drawing_show(drawing *d, int width_px, int height_px);
 
-/* Until the next drawing_finish or drawing_show, which look ahead: see draw.c. */
+/* The caller's until the next drawing_finish or drawing_show: from there to the next frame another
+ * thread may use it, to decompress ahead. */
 block_cache *drawing_cache(drawing *d);
 const slf_file *drawing_file(const drawing *d);
 drawing_cost drawing_get_cost(const drawing *d);
