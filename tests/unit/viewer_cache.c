@@ -186,6 +186,8 @@ static void test_looking_ahead(void **state) {
   /* The last cache holds all: each block was decompressed once, those of frame FRAMES among them.
    */
   assert_int_equal(late, 0);
+  /* What the first frame missed is all that was no hit. */
+  assert_int_equal(counts.lookups - counts.hits, alone.decompressions - late_alone);
   assert_int_equal(counts.decompressions_again, 0);
   assert_true(counts.decompressions > alone.decompressions);
   counts = fly(65536, 1, look_no_further, picture, &resident, &late);
