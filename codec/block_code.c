@@ -1,10 +1,9 @@
 #include "codec/block_code.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 // clang-format off
-const uint8_t slf_zigzag[COEFFICIENTS + SPARE_PLACES] = {
+const uint8_t slf_zigzag[COEFFICIENTS + 1] = {
      0,  8,  1,  2,  9, 16, 24, 17,
     10,  3,  4, 11, 18, 25, 32, 40,
     33, 26, 19, 12,  5,  6, 13, 20,
@@ -13,65 +12,45 @@ const uint8_t slf_zigzag[COEFFICIENTS + SPARE_PLACES] = {
     43, 50, 57, 58, 51, 44, 37, 30,
     23, 31, 38, 45, 52, 59, 60, 53,
     46, 39, 47, 54, 61, 62, 55, 63,
-    [COEFFICIENTS ... COEFFICIENTS + SPARE_PLACES - 1] = COEFFICIENTS};
+    COEFFICIENTS};
 // clang-format on
 
 /* ---- Tables -------------------------------------------------------------------------------- */
 
-/* One AC symbol with its level out of `bits` bits; what it takes at *taken, 0 if it is not whole.
- */
+/* An AC symbol out of `bits` bits; no bits taken if it is not whole, or more than a symbol. */
 typedef struct {
-  unsigned taken, step;
-  int32_t level;
+  unsigned taken, step, size;
   bool end;
-} ac_token;
+} ac_symbol;
 
-static ac_token token_in_window(const huffman_decoder *decoder, uint32_t window, unsigned bits) {
-  ac_token token = {0};
-  unsigned code_bits, symbol = huffman_read(decoder, 1, window << (16 - bits), &code_bits);
-  unsigned size = symbol & 15, taken = code_bits + size;
-  if (code_bits == 0 || taken > bits || symbol == SYMBOL_ESCAPE) return token;
-  if (size == 0 && symbol != SYMBOL_END && symbol != SYMBOL_RUN_16) return token;
-  token.taken = taken;
-  token.end = symbol == SYMBOL_END;
-  token.step = symbol == SYMBOL_RUN_16 ? 16 : (symbol >> 4) + 1;
-  uint32_t magnitude = window >> (bits - taken) & ((1u << size) - 1);
-  token.level = extend(magnitude, size);
-  return token;
+static ac_symbol symbol_in_window(const huffman_decoder *decoder, uint32_t window, unsigned bits) {
+  ac_symbol found = {0};
+  unsigned taken, symbol = huffman_read(decoder, 1, window << (16 - bits) & 0xffff, &taken);
+  if (taken == 0 || taken > bits || symbol == SYMBOL_ESCAPE) return found;
+  found.end = symbol == SYMBOL_END;
+  found.size = symbol & 15;
+  if (found.size == 0 && !found.end && symbol != SYMBOL_RUN_16) return found;
+  found.taken = taken;
+  found.step = found.end ? 0 : symbol == SYMBOL_RUN_16 ? 16 : (symbol >> 4) + 1;
+  return found;
 }
 
-/* A level that the window does not show whole. */
-static uint8_t large_entry(const huffman_decoder *decoder, uint32_t window, unsigned window_bits,
-                           uint32_t *levels) {
-  unsigned bits, symbol = huffman_read(decoder, 1, window << (16 - window_bits), &bits);
-  unsigned size = symbol & 15;
-  *levels = 0;
-  if (bits == 0 || bits > window_bits || size == 0) return FAST_NONE;
-  *levels = ((symbol >> 4) + 1) | size << 8;
-  return (uint8_t)(FAST_NONE | (bits + size));
-}
-
-/* What is taken, with its flags; the levels at *levels. */
+/* What is taken, with its flags; what is seen at *symbols. */
 static uint8_t ac_entry(const huffman_decoder *decoder, const huffman_decoder *later,
-                        uint32_t window, unsigned window_bits, uint32_t *levels) {
-  ac_token first = token_in_window(decoder, window, window_bits), second = {0};
-  if (first.taken == 0) return large_entry(decoder, window, window_bits, levels);
-  unsigned taken = first.taken, left = window_bits - taken;
-  bool end = first.end;
-  for (int more = 0; more < 2 && left && !end; more++) {
-    ac_token next = token_in_window(later, window & ((1u << left) - 1), left);
-    bool fits = next.end || (!more && next.step <= FAST_MAX_SECOND_STEP &&
-                             abs(next.level) <= FAST_MAX_SECOND_LEVEL);
-    if (next.taken == 0 || !fits) break;
+                        uint32_t window, unsigned window_bits, uint32_t *symbols) {
+  unsigned taken = 0, reach = 0, count = 0;
+  bool end = false;
+  *symbols = 0;
+  while (!end && taken < window_bits) {
+    ac_symbol next = symbol_in_window(taken ? later : decoder, window, window_bits - taken);
+    if (next.taken == 0 || reach + next.step > FAST_REACH) break;
+    if (!next.end && count == FAST_SYMBOLS) break;
     taken += next.taken;
-    left -= next.taken;
+    reach += next.step;
     end = next.end;
-    if (!end) second = next;
+    if (!end) *symbols |= 1u << (reach - 1) | next.size << (FAST_REACH + 4 * count++);
   }
-  *levels = first.end ? 0
-                      : first.step | second.step << 5 | ((uint32_t)second.level & 255) << 8 |
-                            (uint32_t)first.level << 16;
-  return (uint8_t)(taken | (end ? FAST_END : 0));
+  return (uint8_t)(taken ? taken | (end ? FAST_END : 0) : FAST_NONE);
 }
 
 static uint8_t dc_entry(const huffman_decoder *decoder, uint32_t window) {
@@ -111,19 +90,16 @@ static unsigned bare_head_in_window(const block_tables *tables, uint32_t window,
 }
 
 static uint16_t pass_entry(const block_tables *tables, unsigned state, uint32_t window) {
-  unsigned taken = 0;
+  unsigned taken = 0, level_bits = 0;
   while (state != PASS_END && taken < PASS_BITS) {
-    unsigned left = PASS_BITS - taken, bits;
-    uint32_t rest = window << (16 - left) & 0xffff;
-    unsigned symbol = huffman_read(&tables->decoders[pass_code(state)], 1, rest, &bits);
-    unsigned size = symbol == SYMBOL_ESCAPE ? 22 : symbol & 15;
-    if (bits == 0 || bits > left) break;
-    if (size == 0 && symbol != SYMBOL_END && symbol != SYMBOL_RUN_16) break;
-    if (taken + bits + size > PASS_MAX_TAKEN) break;
-    taken += bits + size;
-    state = symbol == SYMBOL_END ? pass_next_channel(state) : state | 1;
+    const huffman_decoder *decoder = &tables->decoders[pass_code(state)];
+    ac_symbol next = symbol_in_window(decoder, window, PASS_BITS - taken);
+    if (next.taken == 0 || level_bits + next.size > PASS_MAX_LEVEL_BITS) break;
+    taken += next.taken;
+    level_bits += next.size;
+    state = next.end ? pass_next_channel(state) : state | 1;
   }
-  return (uint16_t)(taken ? taken | state << 6 : 0);
+  return (uint16_t)(taken ? taken | state << 4 | level_bits << 9 : 0);
 }
 
 static uint8_t bare_heads_entry(const block_tables *tables, uint32_t window) {
@@ -155,14 +131,14 @@ void block_tables_make(const block_codes *codes, block_tables *tables) {
     first_ac_table *at_first = &tables->first_ac[i];
     ac_table *then = &tables->later_ac[i];
     for (uint32_t w = 0; w < 1u << FAST_FIRST_BITS; w++)
-      at_first->taken[w] = ac_entry(first, later, w, FAST_FIRST_BITS, &at_first->levels[w]);
+      at_first->taken[w] = ac_entry(first, later, w, FAST_FIRST_BITS, &at_first->symbols[w]);
     for (uint32_t w = 0; w < 1u << FAST_BITS; w++)
-      then->taken[w] = ac_entry(later, later, w, FAST_BITS, &then->levels[w]);
+      then->taken[w] = ac_entry(later, later, w, FAST_BITS, &then->symbols[w]);
   }
   for (uint32_t w = 0; w < 1u << PASS_BITS; w++) {
     tables->bare_heads[w] = bare_heads_entry(tables, w);
     for (unsigned i = 0; i < PASS_STATES; i++) tables->pass[i][w] = pass_entry(tables, i, w);
-    tables->pass[PASS_END][w] = PASS_END << 6;
+    tables->pass[PASS_END][w] = PASS_END << 4;
   }
   memset(tables->dc[NO_DC], 0, sizeof tables->dc[NO_DC]);
   tables->may_lean = false;

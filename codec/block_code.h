@@ -7,15 +7,18 @@
 enum {
   COEFFICIENTS = 64,
   MAX_LEVEL = 32767,
-  LEVELS_STRIDE = 80, /* a channel's 64 levels and room for what a damaged C-Block writes beyond */
+  MOST_LEVELS = 3 * (COEFFICIENTS - 1), /* AC, of a block */
   FAST_BITS = 11,
   FAST_FIRST_BITS = 9,
   FAST_DC_BITS = 9,
   FAST_HEAD_BITS = 10,
   /* AC symbols are run << 4 | size as in JPEG, and with size 0: */
   SYMBOL_END = 0x00,    /* no level but 0 follows in the channel */
-  SYMBOL_ESCAPE = 0x10, /* 6 bits of run, 16 bits of level */
-  SYMBOL_RUN_16 = 0xf0  /* sixteen zeros */
+  SYMBOL_ESCAPE = 0x10, /* run and size follow as numbers */
+  SYMBOL_RUN_16 = 0xf0, /* sixteen zeros */
+  ESCAPED_RUN_BITS = 6,
+  ESCAPED_SIZE_BITS = 4,
+  MAX_SIZE = 15
 };
 
 /* What a C-Block's levels are added to. A head symbol is predictor << 3 | one bit for each channel
@@ -69,10 +72,9 @@ typedef struct {
 } block_codes;
 
 /* Blocks of coefficients are column-major here: 8 * horizontal + vertical frequency, which spares
- * the inverse transform a transposition. Place of the k-th coefficient of JPEG's zigzag scan; a
- * damaged block may step on as far as 63 + FAST_READS x 32 + 64 places, all of it to place 64. */
-enum { FAST_READS = 5, SPARE_PLACES = FAST_READS * 32 + 64 };
-extern const uint8_t slf_zigzag[COEFFICIENTS + SPARE_PLACES];
+ * the inverse transform a transposition. Place of the k-th coefficient of JPEG's zigzag scan; what
+ * lies behind the last one is at place 64, which means nothing. */
+extern const uint8_t slf_zigzag[COEFFICIENTS + 1];
 
 /* JPEG's magnitude bits (ISO/IEC 10918-1, F.1.2.1): size bits, negative where the first is 0. */
 static inline int32_t extend(uint32_t value, unsigned size) {
@@ -80,15 +82,14 @@ static inline int32_t extend(uint32_t value, unsigned size) {
                                           : (int32_t)value;
 }
 
-/* A look at AC levels shows as many whole ones as a window has, two at most. What they take has a
- * byte of its own, FAST_TAKEN and flags: each look waits for the one before to say it, and small
- * tables stay in a first-level cache; those of the levels, for which nothing waits, need not. A
- * channel's first look, one in fifteen, makes do with a smaller window.
+/* A look at AC symbols shows as many whole ones as a window has, four at most and no further than
+ * FAST_REACH. What they take has a byte of its own, and flags: each look waits for the one before
+ * to say it, and small tables stay in a first-level cache; those of the symbols, for which nothing
+ * waits, need not. A channel's first look makes do with a smaller window.
  *
- * Levels: bits 0-4 how far the first lies behind the one before (0: there is none), 5-7 the second
- * behind that, 8-15 the second, 16-31 the first. With FAST_NONE none is whole; if the first one's
- * code is, FAST_TAKEN are the bits of both, bits 0-4 as ever, 8-15 how many bits the level has, and
- * if not, all is 0.
+ * Symbols: bits 0-15 bit i set where a level lies i + 1 places behind the one before the look; from
+ * bit 16 on four bits each, the sizes of those levels. RUN_16 is a level of no bits. With FAST_NONE
+ * nothing is seen whole.
  *
  * A DC entry: bits 0-3 how many bits the code takes, 4-7 and then the level; 0 if the code has more
  * than FAST_DC_BITS. */
@@ -96,44 +97,37 @@ enum {
   FAST_TAKEN = 63,
   FAST_END = 1 << 6, /* the channel ends here */
   FAST_NONE = 1 << 7,
-  FAST_MAX_SECOND_STEP = 7,
-  FAST_MAX_SECOND_LEVEL = 127,
+  FAST_SYMBOLS = 4,
+  FAST_REACH = 16,
   FAST_DC_SIZE = 14, /* a head and two DC levels: 9 + 2 x (9 + 14) bits, which a refill gives */
   LONG_DC = 255,
   NO_DC = 4
 };
-static inline unsigned fast_step(uint32_t levels) {
-  return levels & 31;
-}
-static inline unsigned fast_second_step(uint32_t levels) {
-  return levels >> 5 & 7;
-}
-static inline int32_t fast_level(uint32_t levels) {
-  return (int32_t)levels >> 16;
-}
-static inline int32_t fast_second_level(uint32_t levels) {
-  return (int8_t)(levels >> 8);
-}
-static inline unsigned large_size(uint32_t levels) {
-  return levels >> 8 & 255;
-}
 
 typedef struct {
-  uint32_t levels[1 << FAST_BITS];
+  uint32_t symbols[1 << FAST_BITS];
   uint8_t taken[1 << FAST_BITS];
 } ac_table;
 
 typedef struct {
-  uint32_t levels[1 << FAST_FIRST_BITS];
+  uint32_t symbols[1 << FAST_FIRST_BITS];
   uint8_t taken[1 << FAST_FIRST_BITS];
 } first_ac_table;
 
 /* To pass over AC levels, only their bits are counted. A state is what of a block is still to come:
- * residual or not, the channels, the first level of a channel or a later one. An entry: bits 0-5
- * bits taken by the symbols whose codes PASS_BITS show whole, so few that two such steps fit in
- * what a refill gives; 6-10 the state behind them; 0 if there is none. At the end nothing is taken.
- */
-enum { PASS_BITS = 9, PASS_STATES = 20, PASS_END = PASS_STATES, PASS_MAX_TAKEN = 28 };
+ * residual or not, the channels, the first symbol of a channel or a later one. An entry: bits 0-3
+ * bits taken by the symbols that PASS_BITS show whole, 0 if there is none; 4-8 the state behind
+ * them; 9-15 bits that their levels have at the block's end. There nothing is taken. */
+enum { PASS_BITS = 9, PASS_STATES = 20, PASS_END = PASS_STATES, PASS_MAX_LEVEL_BITS = 127 };
+static inline unsigned pass_taken(unsigned entry) {
+  return entry & 15;
+}
+static inline unsigned pass_next(unsigned entry) {
+  return entry >> 4 & 31;
+}
+static inline unsigned pass_level_bits(unsigned entry) {
+  return entry >> 9;
+}
 static inline unsigned pass_state(int residual, unsigned flags) {
   static const uint8_t states[2][8] = {{PASS_END, 4, 0, 6, 0, 6, 2, 8},
                                        {PASS_END, 14, 10, 16, 10, 16, 12, 18}};
@@ -170,9 +164,9 @@ void block_tables_make(const block_codes *codes, block_tables *tables);
 
 /* A block's levels. */
 typedef struct {
-  int16_t levels[3][LEVELS_STRIDE]; /* column-major, in the stream's levels */
-  unsigned ac_flags;                /* bit c: channel c may have an AC level, */
-  unsigned last_k[3];               /* none of them behind this place of the zigzag scan */
+  int16_t levels[3][COEFFICIENTS]; /* column-major, in the stream's levels */
+  unsigned ac_flags;               /* bit c: channel c may have an AC level, */
+  unsigned last_k[3];              /* none of them behind this place of the zigzag scan */
 } block_levels;
 
 /* What the C-Blocks of an entry add up to so far. */

@@ -7,16 +7,17 @@ LIBSLF_OBJECTS := $(addprefix $(OBJ)/codec/,block_code.o direction.o encode.o fo
   kernel.o layer.o parallel.o rate.o read.o scratch.o stream.o texels.o write.o)
 
 # The hot path, once for any processor and on x86-64 twice more: see codec/kernel.h.
-KERNEL_PARTS := find parse transform decode
+KERNEL_PARTS := find parse levels transform decode
 LIBSLF_OBJECTS += $(KERNEL_PARTS:%=$(OBJ)/codec/%.o)
 # Its vectors are only passed to functions that are inlined, so their calling convention is none.
 $(OBJ)/codec/transform.o: PKG_CFLAGS = -Wno-psabi
 ifneq ($(filter x86_64-%,$(shell $(CC) -dumpmachine)),)
 LIBSLF_OBJECTS += $(KERNEL_PARTS:%=$(OBJ)/codec/%.avx2.o) $(KERNEL_PARTS:%=$(OBJ)/codec/%.avx512.o)
 $(OBJ)/codec/kernel.o: PKG_CFLAGS = -DSLF_HAS_AVX2
-AVX2_CFLAGS := -mavx2 -mtune=haswell -mbmi -mbmi2 -mpopcnt -DSLF_KERNEL_AVX2
+AVX2_CFLAGS := -mavx2 -mtune=haswell -mbmi -mbmi2 -mpopcnt -mlzcnt -DSLF_KERNEL_AVX2
 # To find and parse has no vectors to gain from: with these flags lone blocks take 6 % longer.
-$(OBJ)/codec/transform.avx512.o $(OBJ)/codec/decode.avx512.o: PKG_CFLAGS = -mavx512f -mavx512bw -mavx512dq -mavx512vl
+$(OBJ)/codec/levels.avx512.o $(OBJ)/codec/transform.avx512.o $(OBJ)/codec/decode.avx512.o: PKG_CFLAGS = \
+  -mavx512f -mavx512bw -mavx512dq -mavx512vl -mavx512vbmi -mavx512vbmi2
 $(OBJ)/codec/%.avx2.o: codec/%.c $(OBJ)/flags | $(DEPS)
 	@mkdir -p $(@D)
 	$(call say,compile,$<)$(CC) $(ALL_CFLAGS) $(AVX2_CFLAGS) -MMD -MP -c $< -o $@

@@ -19,12 +19,12 @@ static inline void reader_is_nowhere(entry_reader *r) {
   r->stream = NULL;
 }
 
-static inline void begin_at(entry_reader *r, const entry_site *site, uint64_t bit) {
+static inline void begin_at(entry_reader *r, const entry_site *site, uint64_t byte) {
   r->stream = site->stream;
   r->entry = site->entry;
   r->next = 0;
   r->has_levels = false;
-  reader_begin(&r->reader, &site->stream->blocks, site->entry, bit);
+  reader_begin(&r->reader, &site->stream->blocks, site->entry, byte);
   entry_begin(&r->state, site->stream->dc_begin);
 }
 
@@ -438,7 +438,7 @@ enum { FIND_AHEAD = 8, SEGMENT_AHEAD = 16, MAKE_AHEAD = 24, RING = 32 };
 
 typedef struct {
   entry_site site;
-  uint64_t place, bit;
+  uint64_t place, byte;
   bool exists;
   bool is_key;
   bool follows; /* in the entry of the block before */
@@ -462,13 +462,12 @@ static void make_pending(const layer_state *layer, slf_block_address a, const pe
 static void find_pending(const pending_block *before, pending_block *p) {
   const block_stream *blocks = &p->site.stream->blocks;
   if (p->follows) {
-    p->bit = before->bit;
+    p->byte = before->byte;
     return;
   }
-  p->bit = stream_find_in_segment(blocks, p->site.entry, p->bit);
+  p->byte = stream_find_in_segment(blocks, p->site.entry, p->byte);
   /* As numbers: what precedes the bytes may be asked for, but has no pointer. */
-  uintptr_t begin = (uintptr_t)blocks->bytes + p->bit / 8;
-  uintptr_t backwards = blocks->paired & p->site.entry;
+  uintptr_t begin = (uintptr_t)blocks->bytes + p->byte, backwards = p->site.entry % 2;
   __builtin_prefetch((const void *)(begin - 8 * backwards));
   __builtin_prefetch((const void *)(begin + 64 - 136 * backwards));
 }
@@ -482,7 +481,7 @@ static inline void look_ahead(const layer_state *layer, const slf_block_address 
   if (middle < count) {
     pending_block *p = &ring[middle % RING];
     if (p->exists && !p->follows)
-      p->bit = stream_prefetch_segment(&p->site.stream->blocks, p->site.entry);
+      p->byte = stream_prefetch_segment(&p->site.stream->blocks, p->site.entry);
   }
   if (near < count && ring[near % RING].exists)
     find_pending(&ring[(near - 1) % RING], &ring[near % RING]);
@@ -492,7 +491,7 @@ static inline void read_pending(decoder *d, const pending_block *p) {
   entry_reader *r = &d->rest;
   if (!p->exists || p->is_key) return;
   if (r->stream == NULL || r->entry != p->site.entry || r->next > p->site.number)
-    begin_at(r, &p->site, p->bit);
+    begin_at(r, &p->site, p->byte);
   read_up_to(r, &p->site);
 }
 
@@ -557,7 +556,6 @@ static void decode_batch(const layer_state *layer, const slf_block_address *addr
 const kernel KERNEL(kernel) = {.name = SLF_KERNEL_NAME,
                                .check_stream = stream_check,
                                .find = stream_find,
-                               .begin = reader_begin,
                                .parse = block_parse,
                                .inverse_dct = inverse_dct,
                                .plain_inverse_dct = plain_inverse_dct,

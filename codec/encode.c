@@ -14,7 +14,7 @@
 enum {
   MAX_STEP = 3900,
   PAIR_BITS = 200,       /* a pair's bits are worth its index: 11 of them, */
-  PART_PAIR_BITS = 400,  /* and if it is less than a place, DC that begins anew */
+  PART_PAIR_BITS = 256,  /* and if it is less than a place, DC that begins anew */
   SAMPLED_SLICES = 24,   /* the colours are made from so many slices, */
   SAMPLED_UNITS = 24,    /* the codes are made from places of so many units, */
   SAMPLED_PLACES = 3072, /* so many places in all, */
@@ -132,13 +132,30 @@ static void put_symbol(const symbol_sink *sink, int code, unsigned symbol) {
              sink->encoder->encoders[code].bits[symbol]);
 }
 
-static void put_magnitude(const symbol_sink *sink, int level, unsigned size) {
-  if (!sink->counts)
-    bits_put(sink->bits, (uint32_t)(level < 0 ? level - 1 : level) & ((1u << size) - 1), size);
+static uint32_t magnitude_bits(int level, unsigned size) {
+  return (uint32_t)(level < 0 ? level - 1 : level) & ((1u << size) - 1);
 }
 
-/* An AC level behind `run` zeros; what the codes lack escapes. Returns the code of what follows. */
-static int put_run_level(const symbol_sink *sink, int code, unsigned run, int level) {
+static void put_magnitude(const symbol_sink *sink, int level, unsigned size) {
+  if (!sink->counts) bits_put(sink->bits, magnitude_bits(level, size), size);
+}
+
+/* The bits of AC levels, which follow all symbols of their block. */
+typedef struct {
+  uint32_t bits[MOST_LEVELS];
+  uint8_t sizes[MOST_LEVELS];
+  size_t count;
+} level_bits;
+
+static void keep_level(level_bits *levels, int level, unsigned size) {
+  levels->sizes[levels->count] = (uint8_t)size;
+  levels->bits[levels->count++] = magnitude_bits(level, size);
+}
+
+/* What stands for an AC level behind `run` zeros; what the codes lack escapes. Returns the code of
+ * what follows. */
+static int put_run_level(const symbol_sink *sink, int code, unsigned run, int level,
+                         level_bits *levels) {
   unsigned size = level_size(level), tail = (run & 15) << 4 | size;
   const huffman_encoder *encoders = sink->encoder->encoders;
   const huffman_encoder *own = &encoders[run < 16 ? code : code | 1];
@@ -148,12 +165,12 @@ static int put_run_level(const symbol_sink *sink, int code, unsigned run, int le
   if (coded) {
     for (; run > 15; run -= 16, code |= 1) put_symbol(sink, code, SYMBOL_RUN_16);
     put_symbol(sink, code, tail);
-    put_magnitude(sink, level, size);
   } else {
     put_symbol(sink, code, SYMBOL_ESCAPE);
-    bits_put(sink->bits, run, 6);
-    bits_put(sink->bits, (uint16_t)level, 16);
+    bits_put(sink->bits, run, ESCAPED_RUN_BITS);
+    bits_put(sink->bits, size, ESCAPED_SIZE_BITS);
   }
+  keep_level(levels, level, size);
   return code | 1;
 }
 
@@ -213,6 +230,7 @@ static void put_block(const symbol_sink *sink, const block_choice *b, place_stat
     if (!residual) state->intra_dc[channel] = b->levels[channel][0];
   }
   put_head(sink, b, dc);
+  level_bits seen = {.count = 0};
   for (int channel = 0; channel < 3; channel++) {
     const int16_t *levels = b->levels[channel];
     if (!(b->flags >> channel & 1)) continue;
@@ -220,11 +238,13 @@ static void put_block(const symbol_sink *sink, const block_choice *b, place_stat
     unsigned run = 0;
     for (int k = 1; k < COEFFICIENTS; k++) {
       int level = levels[slf_zigzag[k]];
-      if (level) code = put_run_level(sink, code, run, level);
+      if (level) code = put_run_level(sink, code, run, level, &seen);
       run = level ? 0 : run + 1;
     }
     put_symbol(sink, code, SYMBOL_END);
   }
+  for (size_t i = 0; i < seen.count && !sink->counts; i++)
+    bits_put(sink->bits, seen.bits[i], seen.sizes[i]);
 }
 
 /* ---- Choosing ------------------------------------------------------------------------------ */
@@ -815,7 +835,7 @@ static void choose_run(layer_encoder *e, stream_kind kind, uint64_t counts[CODE_
   while (kind == STREAM_REST && parts_log2 < MAX_PARTS_LOG2 &&
          bits / (1u << parts_log2) > PART_PAIR_BITS)
     parts_log2++;
-  layer_set_run(&e->layer, kind, run_log2, parts_log2, true);
+  layer_set_run(&e->layer, kind, run_log2, parts_log2);
 }
 
 /* DC of INTRA begins at the mean. */
@@ -1044,10 +1064,10 @@ static slf_result put_base(layer_encoder *e, encoded_chunk *encoded, slf_error *
 
 static slf_result put_header(const layer_encoder *e, encoded_layer *encoded, slf_error *error) {
   const layer_state *layer = &e->layer;
-  uint8_t *b = calloc(1, LAYER_FIXED_NBYTES + COLOURS_NBYTES +
-                             STREAM_COUNT * (STREAM_HEADER_NBYTES + DC_BEGIN_NBYTES +
-                                             CODE_COUNT * HUFFMAN_MAX_NBYTES +
-                                             MAX_WHOLE_HEADS * WHOLE_HEAD_NBYTES));
+  uint8_t *b =
+      calloc(1, LAYER_FIXED_NBYTES + COLOURS_NBYTES +
+                    STREAM_COUNT * (STREAM_HEADER_NBYTES + CODE_COUNT * HUFFMAN_MAX_NBYTES +
+                                    MAX_WHOLE_HEADS * WHOLE_HEAD_NBYTES));
   if (!b) return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", e->name);
   const slf_layer *p = &layer->public;
   b[0] = (uint8_t)p->role;
@@ -1072,14 +1092,14 @@ static slf_result put_header(const layer_encoder *e, encoded_layer *encoded, slf
     if (!layer_has(layer, kind)) continue;
     const layer_stream *stream = &layer->streams[kind];
     at[0] = (uint8_t)layer->gains[kind];
-    at[1] = (uint8_t)(stream->run_log2 | stream->parts_log2 << 4 | PAIRED);
+    at[1] = (uint8_t)(stream->run_log2 | stream->parts_log2 << 4);
     unsigned used = 0;
     for (int i = 0; i < CODE_COUNT; i++)
       used |= (unsigned)(stream->codes.codes[i].symbol_count > 0) << i;
     put_u16(at + 2, used);
     put_u64(at + 4, stream->payload_bits);
+    for (int i = 0; i < 3; i++) put_u16(at + 12 + 2 * i, (uint16_t)stream->dc_begin[i]);
     at += STREAM_HEADER_NBYTES;
-    for (int i = 0; i < 3; i++, at += 2) put_u16(at, (uint16_t)stream->dc_begin[i]);
     for (int i = 0; i < CODE_COUNT; i++)
       if (used >> i & 1) at += huffman_put(&stream->codes.codes[i], at);
     for (int i = 1; i < stream->codes.codes[CODE_WHOLE_HEAD].symbol_count;

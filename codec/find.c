@@ -8,11 +8,11 @@
 
 /* ---- Reading ------------------------------------------------------------------------------- */
 
-/* A segment: one byte low_bits, one byte high_nbytes, the low bits of the offsets of spans 1 ..,
+/* A segment: one byte low_bits, one byte high_nbytes, the low bits of the offsets of pairs 1 ..,
  * packed from bit 0 up, filled to a byte; the high bits in unary, high_nbytes; then the payload. */
 typedef struct {
   uint64_t begin; /* of the segment in the stream, in bytes */
-  uint32_t span_count;
+  uint32_t pair_count;
   uint32_t low_bits, high_nbytes;
 } segment;
 
@@ -21,7 +21,7 @@ static uint64_t bytes_for_bits(uint64_t bits) {
 }
 
 static uint32_t low_nbytes(const segment *s) {
-  return (uint32_t)bytes_for_bits((uint64_t)(s->span_count - 1) * s->low_bits);
+  return (uint32_t)bytes_for_bits((uint64_t)(s->pair_count - 1) * s->low_bits);
 }
 
 static inline uint64_t segment_begin(const block_stream *stream, uint64_t index) {
@@ -33,8 +33,8 @@ static inline __attribute__((always_inline)) bool
 find_segment(const block_stream *stream, uint64_t index, uint64_t begin, segment *s) {
   uint64_t end = stream->nbytes - STREAM_PAD_NBYTES;
   s->begin = begin;
-  uint64_t spans_left = stream_span_count(stream) - index * SEGMENT_SPANS;
-  s->span_count = spans_left < SEGMENT_SPANS ? (uint32_t)spans_left : SEGMENT_SPANS;
+  uint64_t pairs_left = stream->entry_count / 2 - index * SEGMENT_PAIRS;
+  s->pair_count = pairs_left < SEGMENT_PAIRS ? (uint32_t)pairs_left : SEGMENT_PAIRS;
   if (s->begin > end || end - s->begin < 2) return false;
   s->low_bits = stream->bytes[s->begin];
   s->high_nbytes = stream->bytes[s->begin + 1];
@@ -87,8 +87,8 @@ select_bit(const uint8_t *bytes, uint32_t nbytes, uint32_t rank, const uint8_t *
   return bit < nbytes * 8 ? bit : nbytes * 8;
 }
 
-/* Offset of span i of a segment from the segment's payload: bytes of pairs, else bits. */
-static inline __attribute__((always_inline)) uint64_t span_offset(const block_stream *stream,
+/* Offset of pair i of a segment from the segment's payload. */
+static inline __attribute__((always_inline)) uint64_t pair_offset(const block_stream *stream,
                                                                   const segment *s, uint32_t i) {
   if (i == 0) return 0;
   const uint8_t *low = stream->bytes + s->begin + 2, *high = low + low_nbytes(s);
@@ -107,16 +107,16 @@ static uint64_t segment_end(const block_stream *stream, uint64_t index) {
 
 uint64_t stream_find_in_segment(const block_stream *stream, uint64_t entry, uint64_t begin) {
   segment s;
-  uint64_t end_bit = (stream->nbytes - STREAM_PAD_NBYTES) * 8, span = entry >> stream->paired, bit;
-  if (!find_segment(stream, span / SEGMENT_SPANS, begin, &s)) return end_bit;
+  uint64_t end = stream->nbytes - STREAM_PAD_NBYTES, pair = entry / 2, at;
+  if (!find_segment(stream, pair / SEGMENT_PAIRS, begin, &s)) return end;
   /* The second of a pair begins where the next pair does. */
-  uint32_t i = (uint32_t)(span % SEGMENT_SPANS) + (stream->paired & entry);
+  uint32_t i = (uint32_t)(pair % SEGMENT_PAIRS + entry % 2);
   uint64_t payload = s.begin + 2 + low_nbytes(&s) + s.high_nbytes;
-  if (__builtin_expect(i == s.span_count, 0))
-    bit = 8 * segment_end(stream, span / SEGMENT_SPANS);
+  if (__builtin_expect(i == s.pair_count, 0))
+    at = segment_end(stream, pair / SEGMENT_PAIRS);
   else
-    bit = 8 * payload + (span_offset(stream, &s, i) << (stream->paired ? 3 : 0));
-  return bit < end_bit ? bit : end_bit;
+    at = payload + pair_offset(stream, &s, i);
+  return at < end ? at : end;
 }
 
 uint64_t stream_find(const block_stream *stream, uint64_t entry) {
@@ -135,15 +135,15 @@ slf_result stream_check(const block_stream *stream, const char *name, slf_error 
                       "%s: segment %" PRIu64 " begins at byte %" PRIu64 " of %" PRIu64, name, index,
                       s.begin, end);
     uint64_t payload = s.begin + 2 + low_nbytes(&s) + s.high_nbytes, previous = 0;
-    for (uint32_t i = 0; i < s.span_count; i++) {
-      uint64_t offset = span_offset(stream, &s, i) << (stream->paired ? 3 : 0);
-      if (offset < previous || payload + offset / 8 > end)
+    for (uint32_t i = 0; i < s.pair_count; i++) {
+      uint64_t offset = pair_offset(stream, &s, i);
+      if (offset < previous || payload + offset > end)
         return slf_fail(error, SLF_ERROR_FORMAT,
-                        "%s: entry %u of segment %" PRIu64 " lies at bit %" PRIu64, name, i, index,
+                        "%s: pair %u of segment %" PRIu64 " lies at byte %" PRIu64, name, i, index,
                         offset);
       previous = offset;
     }
-    expected = payload + previous / 8;
+    expected = payload + previous;
   }
   return SLF_OK;
 }

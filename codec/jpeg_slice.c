@@ -27,7 +27,7 @@ static void read_levels(const layer_state *layer, uint32_t s, uint32_t t, uint64
   bit_reader reader;
   entry_state state = {0};
   entry_begin(&state, site.stream->dc_begin);
-  layer->kernel->begin(&reader, blocks, site.entry, layer->kernel->find(blocks, site.entry));
+  reader_begin(&reader, blocks, site.entry, layer->kernel->find(blocks, site.entry));
   for (unsigned i = 0; i <= site.number; i++)
     layer->kernel->parse(site.stream->tables, &reader, 0, i, i % site.slice_count == 0, &state);
   for (int c = 0; c < 3; c++)

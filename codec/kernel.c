@@ -4,12 +4,14 @@ int kernels_that_run(const kernel *kernels[MOST_KERNELS]) {
   int count = 0;
   kernels[count++] = &kernel_plain;
 #ifdef SLF_HAS_AVX2
+  /* What has BMI has LZCNT, which clang does not know by name. */
   if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("bmi") ||
       !__builtin_cpu_supports("bmi2") || !__builtin_cpu_supports("popcnt"))
     return count;
   kernels[count++] = &kernel_avx2;
   if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
-      __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
+      __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
+      __builtin_cpu_supports("avx512vbmi") && __builtin_cpu_supports("avx512vbmi2"))
     kernels[count++] = &kernel_avx512;
 #endif
   return count;

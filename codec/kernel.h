@@ -1,12 +1,14 @@
-/* kernel.h - the hot path: find, parse, decode, transform.
+/* kernel.h - the hot path: find, parse, levels, transform, decode.
  *
- * find.c, parse.c, transform.c and decode.c are compiled once for any processor (the reference)
- * and, on x86-64, once more for AVX2, BMI2 and POPCNT, and for AVX-512. All give the same bits:
+ * find.c, parse.c, levels.c, transform.c and decode.c are compiled once for any processor (the
+ * reference) and, on x86-64, once more for AVX2, BMI2, LZCNT and POPCNT, and for AVX-512 with VBMI
+ * and VBMI2. All give the same bits:
  * integers are exact, and floats are neither contracted nor reassociated. Outside of them only the
  * table of functions is seen, and kernel_choose picks it when a layer is made. */
 #ifndef SLF_KERNEL_H
 #define SLF_KERNEL_H
 
+#include "codec/bits.h"
 #include "codec/layer.h"
 
 #ifdef SLF_KERNEL_AVX512
@@ -22,9 +24,8 @@
 
 /* ---- Find: FORMAT.md, "Block streams" ------------------------------------------------------ */
 
-/* The bit, counted from stream->bytes, at which entry `entry` (< entry_count) begins, or if it is
- * the second of a pair, before which it does; at most 8 * (nbytes - STREAM_PAD_NBYTES), whatever
- * the bytes. */
+/* The byte of the stream at which entry `entry` (< entry_count) begins, or if it is the second of a
+ * pair, before which it does; at most nbytes - STREAM_PAD_NBYTES, whatever the bytes. */
 #define stream_find KERNEL(stream_find)
 uint64_t stream_find(const block_stream *stream, uint64_t entry);
 
@@ -34,7 +35,7 @@ slf_result stream_check(const block_stream *stream, const char *name, slf_error 
 
 /* The same in three steps, each of which reads what the one before asked for. */
 static inline const uint8_t *stream_directory(const block_stream *stream, uint64_t entry) {
-  return stream->bytes + (entry >> stream->paired) / SEGMENT_SPANS * DIRECTORY_ENTRY_NBYTES;
+  return stream->bytes + entry / 2 / SEGMENT_PAIRS * DIRECTORY_ENTRY_NBYTES;
 }
 
 static inline void stream_prefetch_directory(const block_stream *stream, uint64_t entry) {
@@ -54,33 +55,19 @@ uint64_t stream_find_in_segment(const block_stream *stream, uint64_t entry, uint
 
 /* ---- Parse: FORMAT.md, "C-Blocks" ---------------------------------------------------------- */
 
-/* A position in a stream: the next `count` bits at the top of `bits`. `next` is the offset in
- * `bytes` where more are loaded from, upwards to `last` or backwards to 0; beyond, the bytes there
- * repeat: loads stay inside the stream, and a C-Block that runs there is damaged and comes out as
- * some levels. */
+/* What the symbols of a block's AC levels say: where they are, and how many bits each has. */
 typedef struct {
-  uint64_t bits, count;
-  const uint8_t *bytes;
-  int64_t next, last;
-  bool backwards;
-} bit_reader;
+  uint64_t places[3]; /* of each channel: bit k set for a level at place k of the zigzag scan */
+  unsigned flags;     /* channels that may have one */
+  uint32_t count;
+  uint8_t sizes[MOST_LEVELS + COEFFICIENTS]; /* in their order; behind them is room to write */
+} coded_levels;
 
-/* Passes over bits, fewer than 8. */
-#define reader_skip KERNEL(reader_skip)
-void reader_skip(bit_reader *reader, unsigned bit_count);
-
-/* At the begin of an entry, where it was found. At most 8 bytes of what was loaded are still to be
- * read, and a pair has the directory and its segment's head before it: good blocks never meet these
- * bounds. No branch on where an entry is in its pair, which nobody foretells. */
-static inline void reader_begin(bit_reader *reader, const block_stream *blocks, uint64_t entry,
-                                uint64_t bit) {
-  bool backwards = blocks->paired & entry;
-  *reader = (bit_reader){.bytes = blocks->bytes,
-                         .next = (int64_t)(bit / 8) - ((int64_t)backwards << 3),
-                         .last = (int64_t)blocks->nbytes - STREAM_PAD_NBYTES + 8,
-                         .backwards = backwards};
-  if (!blocks->paired) reader_skip(reader, bit % 8); /* others are whole bytes */
-}
+/* Reads those levels, at the reader; the block's are these and dc, added to what is there or
+ * not. */
+#define levels_read KERNEL(levels_read)
+void levels_read(bit_reader *reader, const coded_levels *coded, const int32_t dc[3], bool adds,
+                 block_levels *block);
 
 /* Passes over `passed` C-Blocks and reads the entry's next, its `number`-th from 0; `first` if it
  * is its place's first, which nothing precedes. False if its bits are no C-Block. Its levels
@@ -152,7 +139,6 @@ struct kernel {
   const char *name;
   slf_result (*check_stream)(const block_stream *stream, const char *name, slf_error *error);
   uint64_t (*find)(const block_stream *stream, uint64_t entry);
-  void (*begin)(bit_reader *reader, const block_stream *blocks, uint64_t entry, uint64_t bit);
   bool (*parse)(const block_tables *tables, bit_reader *reader, uint32_t passed, uint32_t number,
                 bool first, entry_state *state);
   void (*inverse_dct)(float block[COEFFICIENTS]);

@@ -24,16 +24,14 @@ static uint32_t choose_key(const layer_state *layer, uint32_t group_s, uint32_t 
   return best;
 }
 
-void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2, uint32_t parts_log2,
-                   bool paired) {
+void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2, uint32_t parts_log2) {
   layer_stream *stream = &layer->streams[kind];
   stream->run_log2 = run_log2;
   stream->run_places = 1u << run_log2;
   stream->parts_log2 = parts_log2;
   stream->entries_per_unit =
       (layer_place_count(layer) + stream->run_places - 1) >> run_log2 << parts_log2;
-  stream->entries_per_unit += paired & stream->entries_per_unit;
-  stream->blocks.paired = paired;
+  stream->entries_per_unit += stream->entries_per_unit % 2;
   stream->blocks.entry_count = stream->entries_per_unit * stream->unit_count;
 }
 
@@ -76,7 +74,7 @@ slf_result layer_make_units(layer_state *layer, const char *name, slf_error *err
     layer->quad_ranks[i] = layer->streams[STREAM_REST].unit_count;
     if (layer->quad_slices[i]) layer->streams[STREAM_REST].unit_count++;
   }
-  for (int kind = 0; kind < STREAM_COUNT; kind++) layer_set_run(layer, kind, 0, 0, true);
+  for (int kind = 0; kind < STREAM_COUNT; kind++) layer_set_run(layer, kind, 0, 0);
   p->raw_nbytes = (uint64_t)p->u_count * p->v_count * 3 * p->slice_count;
   return SLF_OK;
 }

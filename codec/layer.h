@@ -11,9 +11,7 @@ enum {
   LAYER_FIXED_NBYTES = 32 + 3 * 4,
   COLOUR_ONE = 1 << 14, /* what 1 is in a layer's own colours */
   COLOURS_NBYTES = 9 * 2,
-  STREAM_HEADER_NBYTES = 12,
-  PAIRED = 1 << 6,         /* in a stream's header: entries are in pairs, */
-  DC_BEGIN_NBYTES = 3 * 2, /* and what DC of INTRA begins at follows */
+  STREAM_HEADER_NBYTES = 18,
   MAX_RUN_LOG2 = 6,
   MAX_PARTS_LOG2 = 2,
   GROUP_SIDE = 4, /* directions along a side of the group that shares a key */
@@ -124,8 +122,7 @@ static inline bool layer_has(const layer_state *layer, stream_kind kind) {
 
 /* Fills what follows from public's dimensions and angular: block counts, slices, units. */
 slf_result layer_make_units(layer_state *layer, const char *name, slf_error *error);
-void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2, uint32_t parts_log2,
-                   bool paired);
+void layer_set_run(layer_state *layer, stream_kind kind, uint32_t run_log2, uint32_t parts_log2);
 void layer_set_curve(layer_state *layer); /* level_shift, difference_one, from public's curve */
 void layer_set_jfif_colours(layer_state *layer);
 void layer_set_own_colours(layer_state *layer, const int16_t to_rgb[3][3]); /* in COLOUR_ONEs */

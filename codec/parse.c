@@ -1,68 +1,9 @@
-/* parse.c - from the bits of a C-Block to levels. Compiled for each kernel: see kernel.h. */
+/* parse.c - from the bits of a C-Block to its symbols. Compiled for each kernel: see kernel.h. */
 #include "codec/kernel.h"
 
-/* ---- Bits ---------------------------------------------------------------------------------- */
-
-static inline uint64_t load_be64(const uint8_t *p) {
-  uint64_t value;
-  memcpy(&value, p, sizeof value);
-#if __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
-  value = __builtin_bswap64(value);
+#ifdef __BMI2__
+#include <immintrin.h>
 #endif
-  return value;
-}
-
-static inline uint64_t load_le64(const uint8_t *p) {
-  return __builtin_bswap64(load_be64(p));
-}
-
-/* 56 bits or more (Giesen 2018, "Reading bits in far too many ways", variant 4). Backwards the byte
- * that comes first is the last one of those loaded. */
-static inline __attribute__((always_inline)) void refill(bit_reader *r) {
-  int64_t taken = (int64_t)((63 ^ r->count) >> 3);
-  if (r->backwards) {
-    r->next = r->next > 0 ? r->next : 0;
-    r->bits |= load_le64(r->bytes + r->next) >> r->count;
-    r->next -= taken;
-  } else {
-    r->next = r->next < r->last ? r->next : r->last;
-    r->bits |= load_be64(r->bytes + r->next) >> r->count;
-    r->next += taken;
-  }
-  r->count |= 56;
-}
-
-static inline void consume(bit_reader *r, unsigned count) {
-  r->bits <<= count;
-  r->count -= count;
-}
-
-static inline uint32_t top_bits(uint64_t bits, unsigned count) {
-  return (uint32_t)(bits >> 1 >> (63 - count));
-}
-
-static inline uint32_t take(bit_reader *r, unsigned count) {
-  uint32_t value = top_bits(r->bits, count);
-  consume(r, count);
-  return value;
-}
-
-/* JPEG's magnitude bits, the top `size` ones. No branch: which sign it is nobody foretells. */
-static inline int32_t level_at_top(uint64_t bits, unsigned size) {
-  int32_t most = (int32_t)((1u << size) - 1), negative = (int32_t)((int64_t)~bits >> 63);
-  return (int32_t)top_bits(bits, size) - (negative & most);
-}
-
-static inline int32_t take_level(bit_reader *r, unsigned size) {
-  int32_t level = level_at_top(r->bits, size);
-  consume(r, size);
-  return level;
-}
-
-void reader_skip(bit_reader *reader, unsigned bit_count) {
-  refill(reader);
-  consume(reader, bit_count);
-}
 
 /* ---- Symbols ------------------------------------------------------------------------------- */
 
@@ -110,118 +51,133 @@ parse_dc(const block_tables *tables, int code, bool present, bit_reader *r, int3
   return good;
 }
 
-/* A symbol that no table entry holds. False if the channel cannot go on. */
-static __attribute__((noinline)) bool parse_long(const huffman_decoder *decoder, bit_reader *r,
-                                                 unsigned *k, int16_t *levels, bool *end) {
-  refill(r);
-  unsigned bits, symbol = read_symbol(decoder, 1, r, &bits), size = symbol & 15;
-  int32_t level = 0;
-  *end = false;
-  if (bits == 0) return false;
-  if (symbol == SYMBOL_END) {
-    *end = true;
-    return true;
-  }
-  if (symbol == SYMBOL_ESCAPE) {
-    *k += take(r, 6) + 1;
-    level = (int16_t)take(r, 16);
-  } else if (symbol == SYMBOL_RUN_16) {
-    *k += 16;
-  } else if (size) {
-    *k += (symbol >> 4) + 1;
-    level = take_level(r, size);
-  } else {
-    return false;
-  }
-  add_level(&levels[slf_zigzag[*k]], level);
-  return true;
-}
-
-/* Where in a channel's AC levels the reader is. */
+/* Where in a channel's AC symbols the reader is. A level beyond the last place is lost from
+ * `places`, which so has fewer of them than were counted. */
 typedef struct {
-  int16_t *levels;
-  uint64_t k;           /* of the level read last */
-  uint32_t taken, seen; /* what the last look saw: the bits, with flags, and the levels */
+  uint64_t places;      /* of levels */
+  uint64_t next;        /* the place behind the last one's, modulo 64 */
+  uint8_t *sizes;       /* of the levels, up to here */
+  uint32_t taken, seen; /* what the last look saw: the bits, with flags, and the symbols */
   uint32_t sum;         /* of bits that the reader's count does not know of, modulo 64 */
 } channel_reader;
 
+/* Four bits each to a byte each. */
+static inline uint32_t spread_sizes(uint32_t sizes) {
+#ifdef __BMI2__
+  return _pdep_u32(sizes, 0x0f0f0f0f);
+#else
+  sizes = (sizes | sizes << 8) & 0x00ff00ff;
+  return (sizes | sizes << 4) & 0x0f0f0f0f;
+#endif
+}
+
+static inline void put_sizes(uint8_t *to, uint32_t sizes) {
+#if __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__
+  sizes = __builtin_bswap32(sizes);
+#endif
+  memcpy(to, &sizes, sizeof sizes);
+}
+
 static inline __attribute__((always_inline)) void take_seen(channel_reader *c, bit_reader *r) {
+  const uint64_t ahead = c->seen & ((1u << FAST_REACH) - 1);
   r->bits <<= c->taken & FAST_TAKEN;
   c->sum += c->taken;
-  c->k += fast_step(c->seen);
-  add_level(&c->levels[slf_zigzag[c->k]], fast_level(c->seen));
-  c->k += fast_second_step(c->seen);
-  add_level(&c->levels[slf_zigzag[c->k]], fast_second_level(c->seen));
+  put_sizes(c->sizes, spread_sizes(c->seen >> FAST_REACH));
+  c->sizes += __builtin_popcountll(ahead);
+  c->places |= ahead << (c->next & 63);
+  c->next -= (unsigned)__builtin_clzll(ahead | 1); /* + 64 - clz; 0 only where the channel ends */
 }
 
 /* Takes what a window shows, unless there is nothing to show or the channel ends: two in one, so
  * that a look is one branch. */
 static inline __attribute__((always_inline)) bool look(channel_reader *c, bit_reader *r,
-                                                       const uint8_t *taken, const uint32_t *levels,
+                                                       const uint8_t *taken,
+                                                       const uint32_t *symbols,
                                                        unsigned window_bits) {
   uint64_t window = r->bits >> (64 - window_bits);
   c->taken = taken[window];
-  c->seen = levels[window];
+  c->seen = symbols[window];
   if (c->taken >= FAST_END) return false;
   take_seen(c, r);
   return true;
 }
 
-/* A level of which the last look saw the code. */
-static inline __attribute__((always_inline)) void take_large(channel_reader *c, bit_reader *r) {
-  unsigned taken = c->taken & FAST_TAKEN, size = large_size(c->seen);
-  if (r->count < FAST_BITS + 15) refill(r);
-  c->k += fast_step(c->seen);
-  add_level(&c->levels[slf_zigzag[c->k]], level_at_top(r->bits << (taken - size), size));
-  consume(r, taken);
+/* A symbol that no table entry holds. False if the channel cannot go on. */
+static __attribute__((noinline)) bool parse_long(const huffman_decoder *decoder, bit_reader *r,
+                                                 channel_reader *c, bool *end) {
+  refill(r);
+  unsigned bits, symbol = read_symbol(decoder, 1, r, &bits), size = symbol & 15;
+  unsigned run = symbol >> 4;
+  *end = bits && symbol == SYMBOL_END;
+  if (bits == 0 || *end) return *end;
+  if (symbol == SYMBOL_ESCAPE) {
+    run = take(r, ESCAPED_RUN_BITS);
+    size = take(r, ESCAPED_SIZE_BITS);
+  } else if (size == 0 && symbol != SYMBOL_RUN_16) {
+    return false;
+  }
+  if ((c->next & 63) + run >= COEFFICIENTS) return false;
+  *c->sizes++ = (uint8_t)size;
+  c->places |= 1ull << ((c->next & 63) + run);
+  c->next += run + 1;
+  return true;
 }
 
-/* A channel's AC levels, added to what is there; *last_k grows to the last one's place. */
-static inline __attribute__((always_inline)) bool
-parse_ac(const block_tables *tables, int code, bit_reader *r, int16_t *levels, unsigned *last_k) {
+/* The symbols of a channel's AC levels. */
+static inline __attribute__((always_inline)) bool parse_channel(const block_tables *tables,
+                                                                int code, int channel,
+                                                                bit_reader *r,
+                                                                coded_levels *coded) {
+  enum { LOOKS = 4 }; /* later ones: 9 + 4 x 11 bits, which a refill gives */
   const first_ac_table *first = &tables->first_ac[(code - CODE_AC) / 2];
   const ac_table *later = &tables->later_ac[(code - CODE_AC) / 2];
-  channel_reader c = {.levels = levels};
+  uint8_t *begin = coded->sizes + coded->count;
+  channel_reader c = {.next = 1, .sizes = begin};
   refill(r);
-  bool more = look(&c, r, first->taken, first->levels, FAST_FIRST_BITS);
+  bool more = look(&c, r, first->taken, first->symbols, FAST_FIRST_BITS), end, good = true;
   for (;; more = true) {
     if (more) {
       code |= 1;
 #pragma GCC unroll 4
-      for (int i = 1; i < FAST_READS; i++)
-        if (!look(&c, r, later->taken, later->levels, FAST_BITS)) break;
+      for (int i = 0; i < LOOKS; i++)
+        if (!look(&c, r, later->taken, later->symbols, FAST_BITS)) break;
     }
-    if ((c.taken & (FAST_END | FAST_NONE)) == FAST_END) take_seen(&c, r);
+    end = c.taken & FAST_END;
+    if (end) take_seen(&c, r);
     r->count -= c.sum & FAST_TAKEN;
     c.sum = 0;
-    bool end = c.taken & FAST_END, good = true;
     if (__builtin_expect(c.taken == FAST_NONE, 0)) {
       bit_reader copy = *r;
-      unsigned k = (unsigned)c.k;
-      good = k < COEFFICIENTS && parse_long(&tables->decoders[code], &copy, &k, levels, &end);
+      channel_reader there = c;
+      good = parse_long(&tables->decoders[code], &copy, &there, &end);
       *r = copy;
-      c.k = k;
-    } else if (c.taken & FAST_NONE) {
-      take_large(&c, r);
+      c = there;
     }
-    if (end) *last_k = c.k > *last_k ? (unsigned)c.k : *last_k;
-    if (end || !good || __builtin_expect(c.k >= COEFFICIENTS, 0))
-      return end && good && c.k < COEFFICIENTS;
+    if (end || !good || __builtin_expect(c.sizes - begin >= COEFFICIENTS, 0)) break;
     refill(r);
   }
+  uint32_t count = (uint32_t)(c.sizes - begin);
+  coded->places[channel] = c.places;
+  coded->count += count;
+  return good && end && count == (uint32_t)__builtin_popcountll(c.places);
 }
 
 /* One symbol that PASS_BITS do not show whole. False if it is none. There are bits for another step
  * behind it. */
 static __attribute__((noinline)) bool pass_long(const block_tables *tables, unsigned *state,
-                                                bit_reader *r) {
+                                                unsigned *level_bits, bit_reader *r) {
   refill(r);
   unsigned bits, symbol = read_symbol(&tables->decoders[pass_code(*state)], 1, r, &bits);
-  unsigned size = symbol == SYMBOL_ESCAPE ? 22 : symbol & 15;
-  consume(r, size);
+  unsigned size = symbol & 15;
+  if (symbol == SYMBOL_ESCAPE) {
+    consume(r, ESCAPED_RUN_BITS);
+    size = take(r, ESCAPED_SIZE_BITS);
+  }
   refill(r);
+  *level_bits += size;
   *state = symbol == SYMBOL_END ? pass_next_channel(*state) : *state | 1;
-  return bits != 0 && (size != 0 || symbol == SYMBOL_END || symbol == SYMBOL_RUN_16);
+  return bits != 0 && (symbol & 15 || symbol == SYMBOL_END || symbol == SYMBOL_RUN_16 ||
+                       symbol == SYMBOL_ESCAPE);
 }
 
 /* ---- Heads --------------------------------------------------------------------------------- */
@@ -341,46 +297,18 @@ static inline __attribute__((always_inline)) void add_intra_dc(int16_t intra_dc[
   }
 }
 
-static inline __attribute__((always_inline)) bool parse_levels(const block_tables *tables,
-                                                               int residual, block_head *head,
-                                                               bit_reader *r, entry_state *state) {
-  block_levels *block = &state->block;
-  block->ac_flags |= head->symbol & 7;
-  if (!residual) add_intra_dc(state->intra_dc, head);
-#pragma GCC unroll 3
-  for (int channel = 0; channel < 3; channel++)
-    add_level(&block->levels[channel][0], head->dc[channel]);
-  for (unsigned left = head->symbol & 7; left; left &= left - 1) {
-    int channel = __builtin_ctz(left), code = ac_code(residual, channel > 0, 0);
-    if (!parse_ac(tables, code, r, block->levels[channel], &block->last_k[channel])) {
-      block->last_k[channel] = COEFFICIENTS - 1;
-      return false;
-    }
+static inline __attribute__((always_inline)) bool parse_channels(const block_tables *tables,
+                                                                 int residual, unsigned flags,
+                                                                 bit_reader *r,
+                                                                 coded_levels *coded) {
+  coded->flags = flags;
+  coded->count = 0;
+  for (int channel = 0; channel < 3; channel++) coded->places[channel] = 0;
+  for (unsigned left = flags; left; left &= left - 1) {
+    int channel = __builtin_ctz(left);
+    if (!parse_channel(tables, ac_code(residual, channel > 0, 0), channel, r, coded)) return false;
   }
   return true;
-}
-
-/* A new block's levels, of zeros. In wide stores: what a compiler makes of memset for so few bytes
- * takes longer to begin. */
-static inline void begin_levels(entry_state *state) {
-  typedef uint64_t wide __attribute__((vector_size(32), aligned(2), may_alias));
-  block_levels *block = &state->block;
-  wide *to = (wide *)(void *)block->levels;
-#pragma GCC unroll 15
-  for (size_t i = 0; i < sizeof block->levels / sizeof *to; i++) to[i] = (wide){0};
-  block->ac_flags = 0;
-  for (int channel = 0; channel < 3; channel++) block->last_k[channel] = 0;
-}
-
-/* Field by field, so that they stay in registers. */
-static inline bit_reader reader_copy(const bit_reader *r, bool backwards) {
-  return (bit_reader){r->bits, r->count, r->bytes, r->next, r->last, backwards};
-}
-
-static inline void reader_update(bit_reader *to, const bit_reader *r) {
-  to->bits = r->bits;
-  to->count = r->count;
-  to->next = r->next;
 }
 
 /* ---- Passing over -------------------------------------------------------------------------- */
@@ -406,26 +334,30 @@ static inline __attribute__((always_inline)) bool pass_head(const block_tables *
 }
 
 /* What PASS_BITS show, or one symbol. */
-static inline __attribute__((always_inline)) bool pass_step(const block_tables *tables,
-                                                            unsigned *state, bit_reader *r) {
+static inline __attribute__((always_inline)) bool
+pass_step(const block_tables *tables, unsigned *state, unsigned *level_bits, bit_reader *r) {
   unsigned entry = tables->pass[*state][r->bits >> (64 - PASS_BITS)];
   if (__builtin_expect(entry != 0, 1)) {
-    consume(r, entry & 63);
-    *state = entry >> 6;
+    consume(r, pass_taken(entry));
+    *level_bits += pass_level_bits(entry);
+    *state = pass_next(entry);
     return true;
   }
   bit_reader copy = *r;
-  unsigned next = *state;
-  bool good = pass_long(tables, &next, &copy);
+  unsigned next = *state, bits = *level_bits;
+  bool good = pass_long(tables, &next, &bits, &copy);
   *state = next;
+  *level_bits = bits;
   *r = copy;
   return good;
 }
 
-static inline __attribute__((always_inline)) bool pass_two_steps(const block_tables *tables,
-                                                                 unsigned *state, bit_reader *r) {
+/* Four steps. */
+static inline __attribute__((always_inline)) bool
+pass_steps(const block_tables *tables, unsigned *state, unsigned *level_bits, bit_reader *r) {
   refill(r);
-  return pass_step(tables, state, r) && pass_step(tables, state, r);
+  return pass_step(tables, state, level_bits, r) && pass_step(tables, state, level_bits, r) &&
+         pass_step(tables, state, level_bits, r) && pass_step(tables, state, level_bits, r);
 }
 
 /* AC levels in three channels are at most so many symbols. */
@@ -435,12 +367,14 @@ static inline __attribute__((always_inline)) bool
 pass_blocks(const block_tables *tables, bit_reader *r, int16_t intra_dc[3], uint32_t count) {
   bool good = true;
   while (count && good) {
-    unsigned state = PASS_END, left = PASS_MOST_STEPS;
+    unsigned state = PASS_END, level_bits = 0, left = PASS_MOST_STEPS;
     good = pass_head(tables, r, intra_dc, &count, &state);
     if (state == PASS_END) continue;
-    /* Four at once: most blocks have no more, and how many nobody foretells. */
-    good = good && pass_two_steps(tables, &state, r) && pass_two_steps(tables, &state, r);
-    while (good && state != PASS_END) good = left-- && pass_two_steps(tables, &state, r);
+    do /* most blocks have no more than four, and how many nobody foretells */
+      good = good && pass_steps(tables, &state, &level_bits, r);
+    while (good && state != PASS_END && left--);
+    good = good && state == PASS_END;
+    reader_jump(r, level_bits);
   }
   return good;
 }
@@ -475,21 +409,26 @@ static inline __attribute__((always_inline)) bool parse_block(const block_tables
                                                               bool first, entry_state *state) {
   bit_reader r = reader_copy(reader, backwards);
   block_head head = {0};
+  coded_levels coded;
   bool good = pass_blocks(tables, &r, state->intra_dc, passed) && parse_head(tables, &r, &head);
-  predictor how = head.symbol >> 3;
-  if (good && how != PREDICT_PREVIOUS) {
-    begin_levels(state);
+  const predictor how = head.symbol >> 3;
+  const bool residual = how != PREDICT_INTRA, adds = how == PREDICT_PREVIOUS;
+  good = good && !(adds && first);
+  if (good && !residual) add_intra_dc(state->intra_dc, &head);
+  good = good && parse_channels(tables, residual, head.symbol & 7, &r, &coded);
+  reader_update(reader, &r);
+  if (!good) {
+    state->block = (block_levels){.ac_flags = 0};
+    return false;
+  }
+  if (!adds) {
     state->predictor = how;
     state->anchor = number;
     state->shift_u = head.shift_u;
     state->shift_v = head.shift_v;
-  } else if (first || !good) {
-    good = false;
-    begin_levels(state);
   }
-  good = good && parse_levels(tables, how != PREDICT_INTRA, &head, &r, state);
-  reader_update(reader, &r);
-  return good;
+  levels_read(reader, &coded, head.dc, adds, &state->block);
+  return true;
 }
 
 bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t passed, uint32_t number,

@@ -1,5 +1,6 @@
 #include "codec/rate.h"
 
+#include <assert.h>
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -16,7 +17,6 @@ void costs_guess(code_costs *costs) {
       costs->ac[i][symbol] = 1.0f + 0.5f * (float)(symbol >> 4) + 2.2f * (float)(symbol & 15);
     costs->ac[i][SYMBOL_END] = i & 1 ? 2 : 4;
     costs->ac[i][SYMBOL_RUN_16] = 10;
-    costs->escape[i] = 32;
   }
 }
 
@@ -38,15 +38,15 @@ void costs_from_codes(const block_codes *codes, code_costs *costs) {
   }
   for (int i = 0; i < 8; i++) {
     code_bits(&codes->codes[CODE_AC + i], bits, 0);
-    costs->escape[i] = bits[SYMBOL_ESCAPE] + 22;
+    const float escaped = bits[SYMBOL_ESCAPE] + ESCAPED_RUN_BITS + ESCAPED_SIZE_BITS;
     for (int s = 0; s < 256; s++)
-      costs->ac[i][s] = bits[s] > 0 ? bits[s] + (float)(s & 15) : costs->escape[i];
+      costs->ac[i][s] = (bits[s] > 0 ? bits[s] : escaped) + (float)(s & 15);
   }
 }
 
 static float ac_bits(const code_costs *costs, int code, unsigned run, unsigned magnitude) {
   unsigned size = 32 - (unsigned)__builtin_clz(magnitude);
-  if (size > 15) return costs->escape[code];
+  assert(size <= MAX_SIZE); /* MAX_LEVEL's */
   float bits = costs->ac[code][(run & 15) << 4 | size];
   if (run < 16) return bits;
   int later = code | 1;

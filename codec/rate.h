@@ -10,7 +10,6 @@ typedef struct {
   float shift[32];
   float dc[4][17];  /* by size */
   float ac[8][256]; /* by run (0 .. 15) << 4 | size; [0] the end, [0xf0] sixteen zeros */
-  float escape[8];
 } code_costs;
 
 /* A guess, before anything was counted; then what the codes say. */

@@ -358,21 +358,12 @@ static void take_blocks(layer_reader *r, layer_stream *stream, const chunk *bloc
   stream->blocks.nbytes = stream->partial ? there : blocks->nbytes;
 }
 
-static slf_result read_dc_begin(layer_reader *r, layer_stream *stream, slf_error *error) {
-  if (r->end - r->at < DC_BEGIN_NBYTES)
-    return slf_fail(error, SLF_ERROR_FORMAT, "%s: its first DC has %td bytes, expected %d", r->name,
-                    r->end - r->at, DC_BEGIN_NBYTES);
-  for (int i = 0; i < 3; i++) stream->dc_begin[i] = (int16_t)get_u16(r->at + 2 * i);
-  r->at += DC_BEGIN_NBYTES;
-  return SLF_OK;
-}
-
 static slf_result read_stream(layer_reader *r, stream_kind kind, slf_error *error) {
   layer_stream *stream = &r->state->streams[kind];
   if (r->end - r->at < STREAM_HEADER_NBYTES)
     return slf_fail(error, SLF_ERROR_FORMAT, "%s: stream %d has no header", r->name, kind);
   const uint8_t *b = r->at;
-  unsigned gain = b[0], run_log2 = b[1] & 15, parts_log2 = (b[1] & ~PAIRED) >> 4;
+  unsigned gain = b[0], run_log2 = b[1] & 15, parts_log2 = b[1] >> 4;
   unsigned used = get_u16(b + 2);
   stream->payload_bits = get_u64(b + 4);
   if (gain < 1 || gain > MAX_GAIN || run_log2 > MAX_RUN_LOG2 || used >> CODE_COUNT ||
@@ -381,9 +372,9 @@ static slf_result read_stream(layer_reader *r, stream_kind kind, slf_error *erro
                     kind, gain, b[1], used);
   r->at += STREAM_HEADER_NBYTES;
   r->state->gains[kind] = gain;
-  layer_set_run(r->state, kind, run_log2, parts_log2, b[1] & PAIRED);
-  slf_result result = b[1] & PAIRED ? read_dc_begin(r, stream, error) : SLF_OK;
-  if (result == SLF_OK) result = read_codes(r, stream, used, error);
+  layer_set_run(r->state, kind, run_log2, parts_log2);
+  for (int i = 0; i < 3; i++) stream->dc_begin[i] = (int16_t)get_u16(b + 12 + 2 * i);
+  slf_result result = read_codes(r, stream, used, error);
   const chunk *blocks;
   if (result == SLF_OK)
     result = find_chunk(r->file, slf_stream_chunks[kind], r->surface, r->layer, &blocks, error);
@@ -597,8 +588,7 @@ static slf_result verify_unit(const layer_state *layer, stream_kind kind, uint32
       entry_site site = site_in_unit(stream, unit, place, slice_count, i);
       if (site.entry != entry) {
         entry = site.entry;
-        layer->kernel->begin(&reader, &stream->blocks, entry,
-                             layer->kernel->find(&stream->blocks, entry));
+        reader_begin(&reader, &stream->blocks, entry, layer->kernel->find(&stream->blocks, entry));
         entry_begin(&state, stream->dc_begin);
       }
       if (!layer->kernel->parse(stream->tables, &reader, 0, site.number, i % width == 0, &state))

@@ -83,8 +83,7 @@ static void put_segment(stream_writer *writer, const uint8_t *bytes, uint64_t nb
 }
 
 static void end_segment(stream_writer *writer) {
-  uint64_t spans = writer->entry_count >> writer->paired;
-  uint32_t n = (uint32_t)((spans - 1) % SEGMENT_SPANS) + 1;
+  uint32_t n = (uint32_t)((writer->entry_count / 2 - 1) % SEGMENT_PAIRS) + 1;
   uint64_t last = writer->offsets[n - 1];
   uint32_t low_bits = 0;
   /* Elias and Fano: as many low bits as the mean gap has; the high bits then take at most 3 each.
@@ -93,7 +92,7 @@ static void end_segment(stream_writer *writer) {
   uint32_t low_size = (uint32_t)bytes_for_bits((uint64_t)(n - 1) * low_bits);
   uint32_t high_nbytes = n > 1 ? (uint32_t)bytes_for_bits((last >> low_bits) + n - 1) : 0;
 
-  uint8_t head[2 + SEGMENT_SPANS * 4 + SEGMENT_SPANS] = {(uint8_t)low_bits, (uint8_t)high_nbytes};
+  uint8_t head[2 + SEGMENT_PAIRS * 4 + SEGMENT_PAIRS] = {(uint8_t)low_bits, (uint8_t)high_nbytes};
   for (uint32_t i = 1; i < n; i++) {
     uint64_t offset = writer->offsets[i];
     set_bits(head + 2, (uint64_t)(i - 1) * low_bits, offset, low_bits);
@@ -109,7 +108,7 @@ static void end_segment(stream_writer *writer) {
 }
 
 void stream_begin(stream_writer *writer, scratch_file *to, const block_stream *stream) {
-  *writer = (stream_writer){.to = to, .begin = to->nbytes, .paired = stream->paired};
+  *writer = (stream_writer){.to = to, .begin = to->nbytes};
   writer->directory_nbytes = stream_segment_count(stream) * DIRECTORY_ENTRY_NBYTES;
   writer->directory_at = to->nbytes;
 }
@@ -123,26 +122,23 @@ static void append_backwards(bit_string *bits, const bit_string *entry) {
 
 void stream_put(stream_writer *writer, const bit_string *entry) {
   bit_string *segment = &writer->segment;
-  uint64_t span = writer->entry_count >> writer->paired;
-  bool second = writer->paired && writer->entry_count % 2;
-  if (!second)
-    writer->offsets[span % SEGMENT_SPANS] = segment->bit_count >> (writer->paired ? 3 : 0);
-  if (second)
+  if (writer->entry_count % 2) {
     append_backwards(segment, entry);
-  else
+  } else {
+    writer->offsets[writer->entry_count / 2 % SEGMENT_PAIRS] = segment->bit_count / 8;
     bits_append(segment, entry);
-  if (writer->paired) align_to_byte(segment);
+  }
+  align_to_byte(segment);
   writer->payload_bit_count += entry->bit_count;
   writer->entry_count++;
-  if (second || !writer->paired)
-    if ((span + 1) % SEGMENT_SPANS == 0) end_segment(writer);
+  if (writer->entry_count % (2 * SEGMENT_PAIRS) == 0) end_segment(writer);
 }
 
 slf_result stream_finish(stream_writer *writer, const char *name, uint64_t *nbytes,
                          slf_error *error) {
   static const uint8_t padding[STREAM_PAD_NBYTES];
-  assert(!writer->paired || writer->entry_count % 2 == 0);
-  if ((writer->entry_count >> writer->paired) % SEGMENT_SPANS) end_segment(writer);
+  assert(writer->entry_count % 2 == 0);
+  if (writer->entry_count % (2 * SEGMENT_PAIRS)) end_segment(writer);
   flush_directory(writer);
   put_segment(writer, padding, sizeof padding);
   *nbytes = writer->directory_nbytes + writer->segments_nbytes;

@@ -3,15 +3,14 @@
  * A stream is a list of entries, each some bits long, in pairs: the first one's bytes go up from
  * where the pair begins, the second one's down from where it ends. 128 pairs make a segment: their
  * offsets in Elias-Fano form, then their bytes. A directory of 6 bytes a segment finds the
- * segments. In streams without pairs, as version 3.1 had them, an entry stands where a pair does,
- * and offsets count bits. FORMAT.md, "Block streams". */
+ * segments. FORMAT.md, "Block streams". */
 #ifndef SLF_STREAM_H
 #define SLF_STREAM_H
 
 #include "codec/scratch.h"
 
 enum {
-  SEGMENT_SPANS = 128,
+  SEGMENT_PAIRS = 128,
   DIRECTORY_ENTRY_NBYTES = 6,
   STREAM_PAD_NBYTES = 16 /* zeros at the end, so that a reader may load 8 bytes anywhere before */
 };
@@ -19,17 +18,11 @@ enum {
 typedef struct {
   const uint8_t *bytes;
   uint64_t nbytes;      /* at least STREAM_PAD_NBYTES */
-  uint64_t entry_count; /* even if they are in pairs */
-  bool paired;
+  uint64_t entry_count; /* even */
 } block_stream;
 
-/* A span is what has an offset: a pair, or an entry of its own. */
-static inline uint64_t stream_span_count(const block_stream *stream) {
-  return stream->entry_count >> stream->paired;
-}
-
 static inline uint64_t stream_segment_count(const block_stream *stream) {
-  return (stream_span_count(stream) + SEGMENT_SPANS - 1) / SEGMENT_SPANS;
+  return (stream->entry_count / 2 + SEGMENT_PAIRS - 1) / SEGMENT_PAIRS;
 }
 
 /* A growing string of bits, most significant first. After an allocation failed it takes no more and
@@ -53,13 +46,12 @@ typedef struct {
   bit_string directory;             /* with these whole bytes */
   uint64_t segments_nbytes;         /* so far */
   bit_string segment;               /* the entries of the segment that is being filled */
-  uint64_t offsets[SEGMENT_SPANS];  /* of its spans: bytes of pairs, else bits */
-  bool paired;
+  uint64_t offsets[SEGMENT_PAIRS];  /* of its pairs, in bytes */
   uint64_t entry_count;
   uint64_t payload_bit_count;
 } stream_writer;
 
-/* Begins a stream with the entry_count and pairs of `stream`. */
+/* Begins a stream with the entry_count of `stream`. */
 void stream_begin(stream_writer *writer, scratch_file *to, const block_stream *stream);
 
 /* Appends an entry, in order. */

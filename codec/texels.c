@@ -28,7 +28,7 @@ static bool entry_is_there(const entry_site *site) {
   const layer_stream *stream = site->stream;
   const block_stream *blocks = &stream->blocks;
   if (!stream->partial) return true;
-  uint64_t next = (site->entry >> blocks->paired) / SEGMENT_SPANS + 1;
+  uint64_t next = site->entry / 2 / SEGMENT_PAIRS + 1;
   if (!blocks->bytes || next >= stream_segment_count(blocks)) return false;
   return get_u48(blocks->bytes + next * DIRECTORY_ENTRY_NBYTES) <=
          blocks->nbytes - STREAM_PAD_NBYTES;
