@@ -99,6 +99,10 @@ static inline int32_t take_level(bit_reader *r, unsigned size) {
 
 /* Passes over any number of bits. */
 static inline __attribute__((always_inline)) void reader_jump(bit_reader *r, unsigned bit_count) {
+  if (bit_count <= r->count) {
+    consume(r, bit_count);
+    return;
+  }
   int64_t bits = (int64_t)bit_count - (int64_t)r->count; /* behind those that were loaded */
   r->next += r->backwards ? -(bits >> 3) : bits >> 3;
   r->bits = r->count = 0;

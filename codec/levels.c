@@ -149,6 +149,14 @@ static inline bool read_at_once(const bit_reader *r, const coded_levels *coded, 
 
 /* ---- To their places ----------------------------------------------------------------------- */
 
+/* In wide stores: what a compiler makes of memset for so few bytes takes longer to begin. */
+static inline void put_zeros(int16_t *to) {
+  typedef uint64_t wide __attribute__((vector_size(32), aligned(2), may_alias));
+#pragma GCC unroll 4
+  for (size_t i = 0; i < COEFFICIENTS * sizeof *to / sizeof(wide); i++)
+    ((wide *)(void *)to)[i] = (wide){0};
+}
+
 #if defined(__AVX512VBMI2__)
 /* Of each coefficient its place in the zigzag scan. */
 static const uint16_t scan[COEFFICIENTS] = {
@@ -158,6 +166,11 @@ static const uint16_t scan[COEFFICIENTS] = {
 
 static inline void put_channel(const int16_t *levels, uint64_t places, int32_t dc, bool adds,
                                int16_t *to) {
+  if (!places && !adds) {
+    put_zeros(to);
+    to[0] = (int16_t)dc;
+    return;
+  }
   const uint32_t first = (uint32_t)places, second = (uint32_t)(places >> 32);
   const __mmask32 before = adds ? UINT32_MAX : 0;
   __m512i low = _mm512_maskz_expand_epi16(first, _mm512_loadu_si512(levels));
@@ -172,14 +185,6 @@ static inline void put_channel(const int16_t *levels, uint64_t places, int32_t d
   _mm512_storeu_si512(to + 32, lower);
 }
 #else
-/* In wide stores: what a compiler makes of memset for so few bytes takes longer to begin. */
-static inline void put_zeros(int16_t *to) {
-  typedef uint64_t wide __attribute__((vector_size(32), aligned(2), may_alias));
-#pragma GCC unroll 4
-  for (size_t i = 0; i < COEFFICIENTS * sizeof *to / sizeof(wide); i++)
-    ((wide *)(void *)to)[i] = (wide){0};
-}
-
 static inline int16_t sum_of_levels(int16_t a, int32_t b) {
   return (int16_t)(uint16_t)((uint32_t)a + (uint32_t)b);
 }
