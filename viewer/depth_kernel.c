@@ -106,6 +106,10 @@ INLINE i8 lower(i8 a, i8 b) {
   return (i8)_mm256_min_epi32((__m256i)a, (__m256i)b);
 }
 
+INLINE i8 higher(i8 a, i8 b) {
+  return (i8)_mm256_max_epi32((__m256i)a, (__m256i)b);
+}
+
 INLINE unsigned mask_bits(i8 mask) {
   return (unsigned)_mm256_movemask_ps((f8)mask);
 }
@@ -179,9 +183,9 @@ INLINE i8 weigh(i8 bytes, i8 weights) {
 
 /* The bytes that are at least a limit, of 0 to 255, as masks. */
 INLINE i8 bytes_from(i8 bytes, i8 limit) {
-  const __m256i least = _mm256_shuffle_epi8(
-      (__m256i)limit, _mm256_broadcastsi128_si256(
-                          _mm_setr_epi8(0, 0, 0, 0, 4, 4, 4, 4, 8, 8, 8, 8, 12, 12, 12, 12)));
+  const __m256i least =
+      _mm256_shuffle_epi8((__m256i)limit, _mm256_broadcastsi128_si256(_mm_setr_epi8(
+                                              0, 0, 0, 0, 4, 4, 4, 4, 8, 8, 8, 8, 12, 12, 12, 12)));
   return (i8)_mm256_cmpeq_epi8(_mm256_max_epu8((__m256i)bytes, least), (__m256i)bytes);
 }
 
@@ -1021,20 +1025,65 @@ INLINE void add_light(depth_field *field, const reading *at, f8 share, sample *s
   add(sum, &r, to_int(share));
 }
 
-/* Mixes the lanes of the mask, the first one of each texel; returns their texels. */
-static uint64_t write(depth_field *field, depth_rays *rays, const depth_guess *guess,
-                      const verdict *v, unsigned mask) {
+/* The bilinear weights of the four texels around, a byte each; they add up to ACROSS. */
+INLINE i8 four_weights(const reading *r) {
+  i8 left = ACROSS - r->fx, left_below = left * r->fy >> 7, right_below = r->fx * r->fy >> 7;
+  return (left - left_below) | (r->fx - right_below) << 8 | left_below << 16 | right_below << 24;
+}
+
+/* Of those weights the ones of texels that see the same thing as the nearest does; between it and
+ * what is behind it there is nothing. */
+INLINE i8 weights_of_one(depth_field *field, const reading *r) {
+  const i8 codes = codes_at(field, r), right = r->fx > SPLIT / 2, below = r->fy > SPLIT / 2;
+  const i8 nearest = pick_code(codes, (right & 1) + (below & 2));
+  const i8 low = bytes_from(codes, higher(nearest - EDGE_CODES, all_int(0)));
+  const i8 behind = bytes_from(codes, lower(nearest + EDGE_CODES + 1, all_int(255)));
+  return four_weights(r) & low & ~behind;
+}
+
+/* The sum of the four weights of each lane. */
+INLINE f8 sum_of_four(i8 weights) {
+  return to_float(weigh(all_int(0x01010101), weights));
+}
+
+/* Adds the roots of what a reading shows by weights of its texels. */
+INLINE void add_reading(const depth_field *field, const reading *at, i8 weights, f8 factor,
+                        sample *sum) {
+  int32_t texel[LANES];
+  memcpy(texel, &at->texel, sizeof texel);
+  add_roots(sum, field->pages.bytes, texel, weights, to_int(smaller(factor, all(WHOLE))));
+}
+
+/* Of the total of all weights, of slices and of texels: what roots are added by. */
+INLINE f8 root_unit(f8 total) {
+  return (float)(ACROSS * ONCE) / larger(total, all(1e-3f));
+}
+
+/* What the slices that agree show of one thing. */
+INLINE sample light_of_one(depth_field *field, const verdict *v) {
+  sample sum = {{{0}}};
+  i8 weights[4];
+  f8 total = all(0);
+  for (int k = 0; k < 4; k++) {
+    weights[k] = weights_of_one(field, &v->at[k]);
+    total += v->weight[k] * sum_of_four(weights[k]);
+  }
+  const f8 unit = root_unit(total);
+  for (int k = 0; k < 4; k++) add_reading(field, &v->at[k], weights[k], v->weight[k] * unit, &sum);
+  square(&sum, all_int(WHOLE));
+  return sum;
+}
+
+/* Keeps what lanes of the mask were mixed from, the first one of each texel; returns their
+ * texels. */
+static uint64_t keep(depth_rays *rays, const depth_guess *guess, const verdict *v,
+                     const sample *sum, unsigned mask) {
   float codes[LANES], scores[LANES];
   uint16_t rgba[LANES][4];
-  sample sum = {{{0}}};
   uint64_t mixed = 0;
-  mask &= (1u << guess->count) - 1;
-  if (!mask) return 0;
-  const f8 unit = share_unit(larger(v->agreed, all(1e-6f)));
-  for (int k = 0; k < 4; k++) add_light(field, &v->at[k], v->weight[k] * unit, &sum);
-  put(&sum, rgba);
+  put(sum, rgba);
   store(codes, v->code), store(scores, v->score);
-  for (; mask; mask &= mask - 1) {
+  for (mask &= (1u << guess->count) - 1; mask; mask &= mask - 1) {
     int l = __builtin_ctz(mask);
     uint8_t k = guess->texels[l];
     if (mixed >> k & 1) continue;
@@ -1043,6 +1092,14 @@ static uint64_t write(depth_field *field, depth_rays *rays, const depth_guess *g
     memcpy(rays->rgba[k], rgba[l], sizeof rgba[l]);
   }
   return mixed;
+}
+
+/* Mixes the lanes of the mask, the first one of each texel; returns their texels. */
+static uint64_t write(depth_field *field, depth_rays *rays, const depth_guess *guess,
+                      const verdict *v, unsigned mask) {
+  if (!(mask & ((1u << guess->count) - 1))) return 0;
+  const sample light = light_of_one(field, v);
+  return keep(rays, guess, v, &light, mask);
 }
 
 /* From a guess to the height on which the ray and what a slice sees meet, by a secant; what is seen
@@ -1096,16 +1153,18 @@ static uint64_t mix(depth_field *field, depth_rays *rays, const depth_guess *gue
 static void mix_four_tap(depth_field *field, depth_rays *rays, const depth_guess *guess) {
   bundle b;
   sight s[4];
-  verdict v = {.code = all(0), .score = all(0), .agreed = all(0)};
+  const verdict none = {.code = all(0), .score = all(0)};
+  sample sum = {{{0}}};
+  f8 total = all(0);
   look_around(field, rays, guess->texels, &b, s);
   if (has_slab(field))
     b.x += pick(rays->through_x, guess->texels), b.y += pick(rays->through_y, guess->texels);
+  for (int k = 0; k < 4; k++) total += s[k].weight;
   for (int k = 0; k < 4; k++) {
-    v.at[k] = find(field, &s[k], b.x, b.y);
-    v.weight[k] = s[k].weight;
-    v.agreed += v.weight[k];
+    const reading at = find(field, &s[k], b.x, b.y);
+    add_light(field, &at, s[k].weight * share_unit(total), &sum);
   }
-  write(field, rays, guess, &v, (1u << LANES) - 1);
+  keep(rays, guess, &none, &sum, (1u << LANES) - 1);
 }
 
 /* ---- Without a guess ---------------------------------------------------------------------------
@@ -1286,13 +1345,19 @@ static bool mix_fan(depth_field *field, const fan *a, depth_rays *rays, uint32_t
                     float score) {
   sample sum = {{{0}}};
   uint16_t of_lanes[LANES][4];
-  f8 weight = all(0);
+  i8 weights[MOST_SIGHTS / LANES];
+  f8 weight = all(0), total = all(0);
   for (int g = 0; g < a->group_count; g++) weight += a->weight[g];
-  const float agreed = sum_of(weight);
-  if (!(agreed > 1e-5f)) return false;
-  const f8 unit = share_unit(all(agreed));
-  for (int g = 0; g < a->group_count; g++) add_light(field, &a->at[g], a->weight[g] * unit, &sum);
+  if (!(sum_of(weight) > 1e-5f)) return false;
+  for (int g = 0; g < a->group_count; g++) {
+    weights[g] = weights_of_one(field, &a->at[g]);
+    total += a->weight[g] * sum_of_four(weights[g]);
+  }
+  const f8 unit = root_unit(all(sum_of(total)));
+  for (int g = 0; g < a->group_count; g++)
+    add_reading(field, &a->at[g], weights[g], a->weight[g] * unit, &sum);
   join_lanes(&sum);
+  square(&sum, all_int(WHOLE));
   put(&sum, of_lanes);
   memcpy(rays->rgba[texel], of_lanes[0], sizeof of_lanes[0]);
   rays->code[texel] = code, rays->score[texel] = score;
@@ -1508,12 +1573,6 @@ static uint64_t mix_steady(depth_field *field, depth_rays *rays, const depth_mem
 /* ---- Outlines ----------------------------------------------------------------------------------
  */
 
-/* The bilinear weights of the four texels around, a byte each; they add up to ACROSS. */
-INLINE i8 four_weights(const reading *r) {
-  i8 left = ACROSS - r->fx, left_below = left * r->fy >> 7, right_below = r->fx * r->fy >> 7;
-  return (left - left_below) | (r->fx - right_below) << 8 | left_below << 16 | right_below << 24;
-}
-
 /* What slices show of a thing in front: the weights of those of their texels that see it. */
 typedef struct {
   reading at[4];
@@ -1526,7 +1585,6 @@ typedef struct {
 /* What hides the thing from a slice has no say. */
 static void look_for(depth_field *field, const bundle *b, const sight s[4], const f8 *code,
                      front *v) {
-  const i8 ones = all_int(0x01010101);
   f8 expected[4];
   v->seen = v->passed = v->moved = all(0);
   see(field, b, s, 4, *code, expected, v->at);
@@ -1536,28 +1594,23 @@ static void look_for(depth_field *field, const bundle *b, const sight s[4], cons
     const i8 far =
         bytes_from(codes, to_int(smaller(expected[k] + edge + 1.0f, all(255)))) & weights;
     const i8 near = bytes_from(codes, to_int(larger(expected[k] - edge, all(0)))) & weights & ~far;
-    const f8 sum = to_float(weigh(ones, near));
+    const f8 sum = sum_of_four(near);
     v->weights[k] = near;
     v->say[k] = choose(v->at[k].inside, s[k].weight, all(0));
     v->seen += v->say[k] * sum;
-    v->passed += v->say[k] * to_float(weigh(ones, far));
+    v->passed += v->say[k] * sum_of_four(far);
     v->moved += v->say[k] * (to_float(weigh(codes, near)) - sum * expected[k]);
   }
   v->moved /= larger(v->seen, all(1e-3f));
 }
 
 /* Its light, in the proportion in which it covers the texels. */
-INLINE void shine(const depth_field *field, const front *v, f8 coverage, uint16_t out[LANES][4]) {
+INLINE sample shine(const depth_field *field, const front *v, f8 coverage) {
   sample sum = {{{0}}};
-  const f8 unit = (float)(ACROSS * ONCE) / larger(v->seen, all(1e-3f));
-  for (int k = 0; k < 4; k++) {
-    int32_t texel[LANES];
-    memcpy(texel, &v->at[k].texel, sizeof texel);
-    const f8 factor = smaller(v->say[k] * unit, all(WHOLE));
-    add_roots(&sum, field->pages.bytes, texel, v->weights[k], to_int(factor));
-  }
+  const f8 unit = root_unit(v->seen);
+  for (int k = 0; k < 4; k++) add_reading(field, &v->at[k], v->weights[k], v->say[k] * unit, &sum);
   square(&sum, to_int(coverage * (float)WHOLE));
-  put(&sum, out);
+  return sum;
 }
 
 static uint64_t cover(depth_field *field, depth_rays *rays, const depth_guess *guess,
@@ -1576,7 +1629,8 @@ static uint64_t cover(depth_field *field, depth_rays *rays, const depth_guess *g
   coverage = choose(v.seen * (float)MOST_TIMES < all(ACROSS), all(0), coverage);
   unsigned mask = mask_bits(coverage > all(LEAST_COVERAGE)) & ((1u << guess->count) - 1);
   if (!mask) return 0;
-  shine(field, &v, coverage, light);
+  const sample sum = shine(field, &v, coverage);
+  put(&sum, light);
   store(coverages, coverage), store(scores, share + share - 1.0f);
   store(codes, smaller(larger(code + v.moved, all(0)), all(255)));
   for (; mask; mask &= mask - 1) {
@@ -1653,9 +1707,9 @@ static uint64_t find_steady(const depth_memory *last, const depth_rim *const aro
     codes[row + 1] = (load_u16(last->code + 8 * row) & known) | (none & ~known);
   }
   for (int row = 0; row < 8; row++) {
-    const i8 beside = lowest_beside(codes[row + 1], around[RIM_LEFT]->codes[RIM_RIGHT][row],
-                                    around[RIM_RIGHT]->codes[RIM_LEFT][row], codes[row],
-                                    codes[row + 2]);
+    const i8 beside =
+        lowest_beside(codes[row + 1], around[RIM_LEFT]->codes[RIM_RIGHT][row],
+                      around[RIM_RIGHT]->codes[RIM_LEFT][row], codes[row], codes[row + 2]);
     const i8 known = codes[row + 1] != none;
     const i8 hidden = known & (beside < codes[row + 1] - 256 * EDGE_CODES);
     store_u16(lowest + 8 * row, beside);

@@ -139,8 +139,9 @@ enum {
  * units, or that has hardly any weight. */
 #define LEAST_REACH 0.1f
 #define LEAST_WITNESS 0.03f
-/* The share of the slices' weights that see a thing goes from 0 to 1 over a texel of theirs along its
- * outline; the outline is this many times narrower, or it looks blurred beside what is drawn. */
+/* The share of the slices' weights that see a thing goes from 0 to 1 over a texel of theirs along
+ * its outline; the outline is this many times narrower, or it looks blurred beside what is drawn.
+ */
 #define SHARPEN 2.5f
 /* What covers less of a texel does not count. */
 #define LEAST_COVERAGE 0.01f

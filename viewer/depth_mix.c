@@ -13,9 +13,9 @@ struct depth_mixer {
   const depth_kernel *kernel;
   uint32_t block_u_count, block_v_count; /* of what is mixed */
   depth_memory *last;                    /* of each block */
-  depth_rim *rims, *last_rims;           /* of each block, now and before this frame, and one of none */
-  uint8_t *visits;                       /* of each block */
-  depth_mix_counts *counts;              /* of each row of blocks */
+  depth_rim *rims, *last_rims; /* of each block, now and before this frame, and one of none */
+  uint8_t *visits;             /* of each block */
+  depth_mix_counts *counts;    /* of each row of blocks */
 };
 
 bool flat_texel_scale(const slf_mesh *mesh, uint32_t u_count, uint32_t v_count, float scale[4]) {
@@ -434,8 +434,8 @@ depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
     f->slopes = find_slopes(&f->pages, f->scale, NULL);
     if (is_slab) f->through = find_slopes(&f->pages, f->scale, &f->slab);
   }
-  if (!f->slopes || !m->last || !m->rims || !m->last_rims || !m->visits || !m->counts || (!flat && !f->frames) ||
-      (is_slab && !f->through)) {
+  if (!f->slopes || !m->last || !m->rims || !m->last_rims || !m->visits || !m->counts ||
+      (!flat && !f->frames) || (is_slab && !f->through)) {
     depth_mixer_free(m);
     return NULL;
   }

@@ -264,7 +264,7 @@ void texture_update(texture *x, const camera *c, direction_bend bend) {
   if (x->thread_count > 1 && !bend.bend && !x->depth) decode_ahead(x);
   update_blocks(x, bend);
   /* Outlines are made of what was found in the frame before, and the view may stay as it is. */
-  if (x->depth && x->made_count == 0) update_blocks(x, bend);
+  for (int i = 1; x->depth && x->made_count == 0 && i < 5; i++) update_blocks(x, bend);
   x->made_count = 0;
   x->changed[0] = (mipmap_area){0, 0, 0, 0};
   for (size_t block = 0; block < block_count; block++) {
