@@ -142,7 +142,7 @@ enum {
 /* The share of the slices' weights that see a thing goes from 0 to 1 over a texel of theirs along
  * its outline; the outline is this many times narrower, or it looks blurred beside what is drawn.
  */
-#define SHARPEN 2.5f
+#define SHARPEN 1.7f
 /* What covers less of a texel does not count. */
 #define LEAST_COVERAGE 0.01f
 /* What is lower hides what is higher if it is judged this well beside it. */
