@@ -392,13 +392,17 @@ INLINE i8 codes_at(depth_field *field, const reading *r) {
   return codes;
 }
 
+INLINE i8 nearest_code(const reading *r, i8 codes) {
+  const i8 right = r->fx > SPLIT / 2, below = r->fy > SPLIT / 2;
+  return pick_code(codes, (right & 1) + (below & 2));
+}
+
 /* The code of the height that is seen there. */
 INLINE f8 look(depth_field *field, const reading *r) {
   const i8 codes = codes_at(field, r);
   f8 code = to_float(code_between(codes, r->fx, r->fy)) * (1.0f / ACROSS / SPLIT);
   /* Between a thing and what is behind it there is nothing. */
-  i8 right = r->fx > SPLIT / 2, below = r->fy > SPLIT / 2;
-  f8 nearest = to_float(pick_code(codes, (right & 1) + (below & 2)));
+  f8 nearest = to_float(nearest_code(r, codes));
   return choose(range_of(codes) > EDGE_CODES, nearest, code);
 }
 
@@ -1031,14 +1035,13 @@ INLINE i8 four_weights(const reading *r) {
   return (left - left_below) | (r->fx - right_below) << 8 | left_below << 16 | right_below << 24;
 }
 
-/* Of those weights the ones of texels that see the same thing as the nearest does; between it and
- * what is behind it there is nothing. */
+/* Of those weights the ones of texels that see the same thing as the nearest does: what is behind
+ * its edge must not shine through, nor it over that. */
 INLINE i8 weights_of_one(depth_field *field, const reading *r) {
-  const i8 codes = codes_at(field, r), right = r->fx > SPLIT / 2, below = r->fy > SPLIT / 2;
-  const i8 nearest = pick_code(codes, (right & 1) + (below & 2));
-  const i8 low = bytes_from(codes, higher(nearest - EDGE_CODES, all_int(0)));
-  const i8 behind = bytes_from(codes, lower(nearest + EDGE_CODES + 1, all_int(255)));
-  return four_weights(r) & low & ~behind;
+  const i8 codes = codes_at(field, r), nearest = nearest_code(r, codes);
+  const i8 from = bytes_from(codes, higher(nearest - EDGE_CODES, all_int(0)));
+  const i8 to = bytes_from(~codes, higher(255 - nearest - EDGE_CODES, all_int(0)));
+  return four_weights(r) & from & to;
 }
 
 /* The sum of the four weights of each lane. */
@@ -1604,8 +1607,8 @@ static void look_for(depth_field *field, const bundle *b, const sight s[4], cons
   v->moved /= larger(v->seen, all(1e-3f));
 }
 
-/* Its light, in the proportion in which it covers the texels. */
-INLINE sample shine(const depth_field *field, const front *v, f8 coverage) {
+/* Its light, as much of it as it covers of the texels. */
+INLINE sample light_in_front(const depth_field *field, const front *v, f8 coverage) {
   sample sum = {{{0}}};
   const f8 unit = root_unit(v->seen);
   for (int k = 0; k < 4; k++) add_reading(field, &v->at[k], v->weights[k], v->say[k] * unit, &sum);
@@ -1629,7 +1632,7 @@ static uint64_t cover(depth_field *field, depth_rays *rays, const depth_guess *g
   coverage = choose(v.seen * (float)MOST_TIMES < all(ACROSS), all(0), coverage);
   unsigned mask = mask_bits(coverage > all(LEAST_COVERAGE)) & ((1u << guess->count) - 1);
   if (!mask) return 0;
-  const sample sum = shine(field, &v, coverage);
+  const sample sum = light_in_front(field, &v, coverage);
   put(&sum, light);
   store(coverages, coverage), store(scores, share + share - 1.0f);
   store(codes, smaller(larger(code + v.moved, all(0)), all(255)));

@@ -246,6 +246,10 @@ static void update_row(void *context, uint64_t block_v) {
       updated[i] = update_block(u, i, (uint32_t)block_v, &d);
 }
 
+/* Of a mix by depth that begins: outlines are made from what was found the time before, a texel
+ * further each time, and the view may stay as it is. */
+enum { FIRST_UPDATES = 5 };
+
 static void update_blocks(texture *x, direction_bend bend) {
   const uint32_t block_v_count = x->mesh.block_v_count;
   update u = {x, bend, x->mix_thread_count > 1 && x->made_count >= x->least_made_count};
@@ -263,8 +267,7 @@ void texture_update(texture *x, const camera *c, direction_bend bend) {
   look_from(x, c);
   if (x->thread_count > 1 && !bend.bend && !x->depth) decode_ahead(x);
   update_blocks(x, bend);
-  /* Outlines are made of what was found in the frame before, and the view may stay as it is. */
-  for (int i = 1; x->depth && x->made_count == 0 && i < 5; i++) update_blocks(x, bend);
+  for (int i = 1; x->depth && x->made_count == 0 && i < FIRST_UPDATES; i++) update_blocks(x, bend);
   x->made_count = 0;
   x->changed[0] = (mipmap_area){0, 0, 0, 0};
   for (size_t block = 0; block < block_count; block++) {
