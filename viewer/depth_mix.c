@@ -56,14 +56,14 @@ bool flat_texel_scale(const slf_mesh *mesh, uint32_t u_count, uint32_t v_count, 
  */
 
 /* What was found for a texel last time is where it is looked for next. Texels with some slices that
- * disagree forget every 16th frame, so that nothing wrong stays: those of a block at once, as
+ * disagree forget every 32nd frame, so that nothing wrong stays: those of a block at once, as
  * eight are followed at the cost of one. What is forgotten is judged where it was, too, and follows
  * two of the four slices around, the other two the next time; all of them where that gives nothing.
  * Those that the four slices around did not serve try their neighbours' heights every second frame;
  * those that no slice served follow the four along the ray every 16th, and forget that every 64th.
  * Blocks take turns. */
 enum {
-  FORGET = 16,
+  FORGET = 32,
   FORGET_UNSEEN = 64,
   FOLLOW = 16,
   TRY = 2,
@@ -346,8 +346,7 @@ static bool mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
   if (directions->mask & ~foretold)
     foretold |= mix_rest(m, &rays, directions->mask & ~foretold, &known, p, kinds);
   if (m->field.missed) return false;
-  partly &= ~m->kernel->find_kind(kinds, SEEN_NOT);
-  if (partly) m->kernel->lay_over(&rays, partly);
+  if (partly) m->kernel->lay_over(&rays, partly & ~m->kernel->find_kind(kinds, SEEN_NOT));
   for (uint64_t left = ~directions->mask; left; left &= left - 1)
     memset(rays.rgba[__builtin_ctzll(left)], 0, sizeof *rays.rgba);
   count_texels(&m->counts[block_v], directions->mask, foretold, kinds);
