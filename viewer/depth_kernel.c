@@ -106,6 +106,10 @@ INLINE i8 lower(i8 a, i8 b) {
   return (i8)_mm256_min_epi32((__m256i)a, (__m256i)b);
 }
 
+INLINE i8 higher(i8 a, i8 b) {
+  return (i8)_mm256_max_epi32((__m256i)a, (__m256i)b);
+}
+
 INLINE unsigned mask_bits(i8 mask) {
   return (unsigned)_mm256_movemask_ps((f8)mask);
 }
@@ -169,6 +173,20 @@ INLINE i8 range_of(i8 codes) {
   highest = _mm256_max_epu8(highest, _mm256_srli_epi32(highest, 8));
   lowest = _mm256_min_epu8(lowest, _mm256_srli_epi32(lowest, 8));
   return (i8)_mm256_sub_epi8(highest, lowest) & 0xff;
+}
+
+/* The sum of four bytes, each times a weight; the weights' sum is at most ACROSS. */
+INLINE i8 weigh(i8 bytes, i8 weights) {
+  const __m256i pairs = _mm256_maddubs_epi16((__m256i)bytes, (__m256i)weights);
+  return (i8)_mm256_madd_epi16(pairs, _mm256_set1_epi16(1));
+}
+
+/* The bytes that are at least a limit, of 0 to 255, as masks. */
+INLINE i8 bytes_from(i8 bytes, i8 limit) {
+  const __m256i least =
+      _mm256_shuffle_epi8((__m256i)limit, _mm256_broadcastsi128_si256(_mm_setr_epi8(
+                                              0, 0, 0, 0, 4, 4, 4, 4, 8, 8, 8, 8, 12, 12, 12, 12)));
+  return (i8)_mm256_cmpeq_epi8(_mm256_max_epu8((__m256i)bytes, least), (__m256i)bytes);
 }
 
 /* One of them, counted from the first. */
@@ -245,6 +263,19 @@ INLINE i8 load_codes(const uint8_t *bytes, const int32_t texel[LANES]) {
 
 INLINE i8 pick_code(i8 codes, i8 number) {
   return codes >> number * 8 & 0xff;
+}
+
+INLINE i8 weigh(i8 bytes, i8 weights) {
+  i8 sum = all_int(0);
+  for (int k = 0; k < 32; k += 8) sum += (bytes >> k & 0xff) * (weights >> k & 0xff);
+  return sum;
+}
+
+INLINE i8 bytes_from(i8 bytes, i8 limit) {
+  i8 mask = all_int(0);
+  for (int k = 0; k < 32; k += 8)
+    mask |= ((bytes >> k & 0xff) >= limit) & all_int((int32_t)(0xffu << k));
+  return mask;
 }
 
 INLINE i8 code_between(i8 codes, i8 fx, i8 fy) {
@@ -352,16 +383,26 @@ static __attribute__((noinline)) i8 load_codes_anew(depth_field *field,
   return load_codes(field->pages.bytes, texel);
 }
 
-/* The code of the height that is seen there. */
-INLINE f8 look(depth_field *field, const reading *r) {
+/* The codes of the four texels around. */
+INLINE i8 codes_at(depth_field *field, const reading *r) {
   int32_t texel[LANES];
   memcpy(texel, &r->texel, sizeof texel);
   i8 codes = load_codes(field->pages.bytes, texel);
   if (__builtin_expect(mask_bits(codes == 0) != 0, 0)) codes = load_codes_anew(field, texel);
+  return codes;
+}
+
+INLINE i8 nearest_code(const reading *r, i8 codes) {
+  const i8 right = r->fx > SPLIT / 2, below = r->fy > SPLIT / 2;
+  return pick_code(codes, (right & 1) + (below & 2));
+}
+
+/* The code of the height that is seen there. */
+INLINE f8 look(depth_field *field, const reading *r) {
+  const i8 codes = codes_at(field, r);
   f8 code = to_float(code_between(codes, r->fx, r->fy)) * (1.0f / ACROSS / SPLIT);
   /* Between a thing and what is behind it there is nothing. */
-  i8 right = r->fx > SPLIT / 2, below = r->fy > SPLIT / 2;
-  f8 nearest = to_float(pick_code(codes, (right & 1) + (below & 2)));
+  f8 nearest = to_float(nearest_code(r, codes));
   return choose(range_of(codes) > EDGE_CODES, nearest, code);
 }
 
@@ -372,6 +413,9 @@ typedef struct {
   w16 half[2];
 } sample;
 #define CODE_UNIT (1.0f / ACROSS)
+/* Where roots are added before they are squared their sum must fit, of however few weights: their
+ * factors are of 16 at most. */
+enum { TWICE_SHIFT = 4, MOST_TIMES = 1 << TWICE_SHIFT, ONCE = (UINT16_MAX + 1) / MOST_TIMES };
 /* Linear light is the square of twice a root, less its lower 16 bits. */
 #define WHITE (2.0f * 255 * ACROSS * 2 * 255 * ACROSS / 65536)
 #define LIGHT_UNIT (1.0f / WHITE)
@@ -404,16 +448,45 @@ INLINE i8 heights_of(const sample *r) {
   return (i8)_mm256_srli_epi32((__m256i)odd((__m256i)r->half[0], (__m256i)r->half[1]), 16);
 }
 
-/* Adds a share, of WHOLE, of what was read as linear light. */
-INLINE void add(sample *sum, const sample *r, i8 share) {
+/* The lower 16 bits of numbers, of the lanes of a half. */
+INLINE __m256i spread(i8 numbers, int half) {
   const __m256i first =
       _mm256_broadcastsi128_si256(_mm_setr_epi8(0, 1, 0, 1, 0, 1, 0, 1, 4, 5, 4, 5, 4, 5, 4, 5));
   const __m256i last = _mm256_broadcastsi128_si256(
       _mm_setr_epi8(8, 9, 8, 9, 8, 9, 8, 9, 12, 13, 12, 13, 12, 13, 12, 13));
+  return _mm256_shuffle_epi8((__m256i)numbers, half ? last : first);
+}
+
+/* Adds a share, of WHOLE, of what was read as linear light. */
+INLINE void add(sample *sum, const sample *r, i8 share) {
   for (int k = 0; k < 2; k++) {
-    __m256i of_each = _mm256_shuffle_epi8((__m256i)share, k ? last : first);
     __m256i twice = (__m256i)(r->half[k] + r->half[k]);
-    sum->half[k] += (w16)_mm256_mulhi_epu16(_mm256_mulhi_epu16(twice, twice), of_each);
+    sum->half[k] += (w16)_mm256_mulhi_epu16(_mm256_mulhi_epu16(twice, twice), spread(share, k));
+  }
+}
+
+/* Adds roots: the four texels of each lane by weights of their own, and that times a factor. */
+INLINE void add_roots(sample *sum, const uint8_t *bytes, const int32_t texel[LANES], i8 weights,
+                      i8 factor) {
+  const __m256i side_by_side = _mm256_broadcastsi128_si256(
+      _mm_setr_epi8(0, 4, 1, 5, 2, 6, 3, 7, 8, 12, 9, 13, 10, 14, 11, 15));
+  __m256i upper[2], lower_two[2];
+  load_pairs(bytes, texel, &upper[0], &upper[1]);
+  load_pairs(bytes + 4 * PAGE_ROW_TEXELS, texel, &lower_two[0], &lower_two[1]);
+  for (int k = 0; k < 2; k++) {
+    const __m256i above = spread(weights, k), below = spread(weights >> 16, k);
+    __m256i a = _mm256_maddubs_epi16(_mm256_shuffle_epi8(upper[k], side_by_side), above);
+    __m256i b = _mm256_maddubs_epi16(_mm256_shuffle_epi8(lower_two[k], side_by_side), below);
+    __m256i twice = _mm256_slli_epi16(_mm256_add_epi16(a, b), 1);
+    sum->half[k] += (w16)_mm256_mulhi_epu16(twice, spread(factor, k));
+  }
+}
+
+/* A share, of WHOLE, of the linear light whose roots were added. */
+INLINE void square(sample *roots, i8 share) {
+  for (int k = 0; k < 2; k++) {
+    __m256i twice = (__m256i)(roots->half[k] << TWICE_SHIFT);
+    roots->half[k] = (w16)_mm256_mulhi_epu16(_mm256_mulhi_epu16(twice, twice), spread(share, k));
   }
 }
 
@@ -464,6 +537,28 @@ INLINE void add(sample *sum, const sample *r, i8 share) {
     for (int c = 0; c < 4; c++) {
       const uint32_t twice = 2u * of_lane(&copy, l)[c];
       of_lane(sum, l)[c] += (uint16_t)((twice * twice >> 16) * (uint32_t)share[l] >> 16);
+    }
+}
+
+INLINE void add_roots(sample *sum, const uint8_t *bytes, const int32_t texel[LANES], i8 weights,
+                      i8 factor) {
+  for (int l = 0; l < LANES; l++)
+    for (int c = 0; c < 4; c++) {
+      const uint8_t *upper = bytes + 4 * (size_t)texel[l] + c;
+      const uint8_t *lower_two = upper + 4 * PAGE_ROW_TEXELS;
+      const uint32_t w = (uint32_t)weights[l];
+      const uint32_t root = upper[0] * (w & 0xff) + upper[4] * (w >> 8 & 0xff) +
+                            lower_two[0] * (w >> 16 & 0xff) + lower_two[4] * (w >> 24);
+      of_lane(sum, l)[c] += (uint16_t)(2 * root * (uint32_t)factor[l] >> 16);
+    }
+}
+
+INLINE void square(sample *roots, i8 share) {
+  for (int l = 0; l < LANES; l++)
+    for (int c = 0; c < 4; c++) {
+      uint16_t *light = &of_lane(roots, l)[c];
+      const uint32_t twice = (uint16_t)(*light << TWICE_SHIFT);
+      *light = (uint16_t)((twice * twice >> 16) * (uint32_t)share[l] >> 16);
     }
 }
 
@@ -726,9 +821,9 @@ INLINE f8 height_of(const depth_field *field, f8 code) {
  * slice shows have to leave on the same side of all edges, or one sees the thing and the other its
  * mirror image. */
 INLINE i8 leave_alike(f8 at, f8 right, uint32_t count) {
-  enum { MOST_TIMES = 1024 /* that a side is passed; so that truncating rounds down */ };
+  enum { MOST_SIDES = 1024 /* that are passed; so that truncating rounds down */ };
   const float part = 1.0f / (float)count;
-  f8 left_at = (at + 0.5f) * part + (float)MOST_TIMES;
+  f8 left_at = (at + 0.5f) * part + (float)MOST_SIDES;
   return to_int(left_at) == to_int(left_at + right * part);
 }
 
@@ -934,20 +1029,64 @@ INLINE void add_light(depth_field *field, const reading *at, f8 share, sample *s
   add(sum, &r, to_int(share));
 }
 
-/* Mixes the lanes of the mask, the first one of each texel; returns their texels. */
-static uint64_t write(depth_field *field, depth_rays *rays, const depth_guess *guess,
-                      const verdict *v, unsigned mask) {
+/* The bilinear weights of the four texels around, a byte each; they add up to ACROSS. */
+INLINE i8 four_weights(const reading *r) {
+  i8 left = ACROSS - r->fx, left_below = left * r->fy >> 7, right_below = r->fx * r->fy >> 7;
+  return (left - left_below) | (r->fx - right_below) << 8 | left_below << 16 | right_below << 24;
+}
+
+/* Of those weights the ones of texels that see the same thing as the nearest does: what is behind
+ * its edge must not shine through, nor it over that. */
+INLINE i8 weights_of_one(depth_field *field, const reading *r) {
+  const i8 codes = codes_at(field, r), nearest = nearest_code(r, codes);
+  const i8 from = bytes_from(codes, higher(nearest - EDGE_CODES, all_int(0)));
+  const i8 to = bytes_from(~codes, higher(255 - nearest - EDGE_CODES, all_int(0)));
+  return four_weights(r) & from & to;
+}
+
+/* The sum of the four weights of each lane. */
+INLINE f8 sum_of_four(i8 weights) {
+  return to_float(weigh(all_int(0x01010101), weights));
+}
+
+/* Adds the roots of what a reading shows by weights of its texels. */
+INLINE void add_reading(const depth_field *field, const reading *at, i8 weights, f8 factor,
+                        sample *sum) {
+  int32_t texel[LANES];
+  memcpy(texel, &at->texel, sizeof texel);
+  add_roots(sum, field->pages.bytes, texel, weights, to_int(smaller(factor, all(WHOLE))));
+}
+
+/* Of the total of all weights, of slices and of texels: what roots are added by. */
+INLINE f8 root_unit(f8 total) {
+  return (float)(ACROSS * ONCE) / larger(total, all(1e-3f));
+}
+
+/* What the slices that agree show of one thing. */
+INLINE sample light_of_one(depth_field *field, const verdict *v) {
+  sample sum = {{{0}}};
+  i8 weights[4];
+  f8 total = all(0);
+  for (int k = 0; k < 4; k++) {
+    weights[k] = weights_of_one(field, &v->at[k]);
+    total += v->weight[k] * sum_of_four(weights[k]);
+  }
+  const f8 unit = root_unit(total);
+  for (int k = 0; k < 4; k++) add_reading(field, &v->at[k], weights[k], v->weight[k] * unit, &sum);
+  square(&sum, all_int(WHOLE));
+  return sum;
+}
+
+/* Keeps what lanes of the mask were mixed from, the first one of each texel; returns their
+ * texels. */
+static uint64_t keep(depth_rays *rays, const depth_guess *guess, const verdict *v,
+                     const sample *sum, unsigned mask) {
   float codes[LANES], scores[LANES];
   uint16_t rgba[LANES][4];
-  sample sum = {{{0}}};
   uint64_t mixed = 0;
-  mask &= (1u << guess->count) - 1;
-  if (!mask) return 0;
-  const f8 unit = share_unit(larger(v->agreed, all(1e-6f)));
-  for (int k = 0; k < 4; k++) add_light(field, &v->at[k], v->weight[k] * unit, &sum);
-  put(&sum, rgba);
+  put(sum, rgba);
   store(codes, v->code), store(scores, v->score);
-  for (; mask; mask &= mask - 1) {
+  for (mask &= (1u << guess->count) - 1; mask; mask &= mask - 1) {
     int l = __builtin_ctz(mask);
     uint8_t k = guess->texels[l];
     if (mixed >> k & 1) continue;
@@ -956,6 +1095,14 @@ static uint64_t write(depth_field *field, depth_rays *rays, const depth_guess *g
     memcpy(rays->rgba[k], rgba[l], sizeof rgba[l]);
   }
   return mixed;
+}
+
+/* Mixes the lanes of the mask, the first one of each texel; returns their texels. */
+static uint64_t write(depth_field *field, depth_rays *rays, const depth_guess *guess,
+                      const verdict *v, unsigned mask) {
+  if (!(mask & ((1u << guess->count) - 1))) return 0;
+  const sample light = light_of_one(field, v);
+  return keep(rays, guess, v, &light, mask);
 }
 
 /* From a guess to the height on which the ray and what a slice sees meet, by a secant; what is seen
@@ -1009,16 +1156,18 @@ static uint64_t mix(depth_field *field, depth_rays *rays, const depth_guess *gue
 static void mix_four_tap(depth_field *field, depth_rays *rays, const depth_guess *guess) {
   bundle b;
   sight s[4];
-  verdict v = {.code = all(0), .score = all(0), .agreed = all(0)};
+  const verdict none = {.code = all(0), .score = all(0)};
+  sample sum = {{{0}}};
+  f8 total = all(0);
   look_around(field, rays, guess->texels, &b, s);
   if (has_slab(field))
     b.x += pick(rays->through_x, guess->texels), b.y += pick(rays->through_y, guess->texels);
+  for (int k = 0; k < 4; k++) total += s[k].weight;
   for (int k = 0; k < 4; k++) {
-    v.at[k] = find(field, &s[k], b.x, b.y);
-    v.weight[k] = s[k].weight;
-    v.agreed += v.weight[k];
+    const reading at = find(field, &s[k], b.x, b.y);
+    add_light(field, &at, s[k].weight * share_unit(total), &sum);
   }
-  write(field, rays, guess, &v, (1u << LANES) - 1);
+  keep(rays, guess, &none, &sum, (1u << LANES) - 1);
 }
 
 /* ---- Without a guess ---------------------------------------------------------------------------
@@ -1199,13 +1348,19 @@ static bool mix_fan(depth_field *field, const fan *a, depth_rays *rays, uint32_t
                     float score) {
   sample sum = {{{0}}};
   uint16_t of_lanes[LANES][4];
-  f8 weight = all(0);
+  i8 weights[MOST_SIGHTS / LANES];
+  f8 weight = all(0), total = all(0);
   for (int g = 0; g < a->group_count; g++) weight += a->weight[g];
-  const float agreed = sum_of(weight);
-  if (!(agreed > 1e-5f)) return false;
-  const f8 unit = share_unit(all(agreed));
-  for (int g = 0; g < a->group_count; g++) add_light(field, &a->at[g], a->weight[g] * unit, &sum);
+  if (!(sum_of(weight) > 1e-5f)) return false;
+  for (int g = 0; g < a->group_count; g++) {
+    weights[g] = weights_of_one(field, &a->at[g]);
+    total += a->weight[g] * sum_of_four(weights[g]);
+  }
+  const f8 unit = root_unit(all(sum_of(total)));
+  for (int g = 0; g < a->group_count; g++)
+    add_reading(field, &a->at[g], weights[g], a->weight[g] * unit, &sum);
   join_lanes(&sum);
+  square(&sum, all_int(WHOLE));
   put(&sum, of_lanes);
   memcpy(rays->rgba[texel], of_lanes[0], sizeof of_lanes[0]);
   rays->code[texel] = code, rays->score[texel] = score;
@@ -1418,6 +1573,101 @@ static uint64_t mix_steady(depth_field *field, depth_rays *rays, const depth_mem
   return mixed;
 }
 
+/* ---- Outlines ----------------------------------------------------------------------------------
+ */
+
+/* What slices show of a thing in front: the weights of those of their texels that see it. */
+typedef struct {
+  reading at[4];
+  i8 weights[4];
+  f8 say[4];
+  f8 seen, passed; /* sums of weights, of texels that see it and of those that see past it */
+  f8 moved;        /* mean of the codes seen less those expected */
+} front;
+
+/* What hides the thing from a slice has no say. */
+static void look_for(depth_field *field, const bundle *b, const sight s[4], const f8 *code,
+                     front *v) {
+  f8 expected[4];
+  v->seen = v->passed = v->moved = all(0);
+  see(field, b, s, 4, *code, expected, v->at);
+  for (int k = 0; k < 4; k++) {
+    const f8 edge = all(0.5f * EDGE_CODES);
+    const i8 codes = codes_at(field, &v->at[k]), weights = four_weights(&v->at[k]);
+    const i8 far =
+        bytes_from(codes, to_int(smaller(expected[k] + edge + 1.0f, all(255)))) & weights;
+    const i8 near = bytes_from(codes, to_int(larger(expected[k] - edge, all(0)))) & weights & ~far;
+    const f8 sum = sum_of_four(near);
+    v->weights[k] = near;
+    v->say[k] = choose(v->at[k].inside, s[k].weight, all(0));
+    v->seen += v->say[k] * sum;
+    v->passed += v->say[k] * sum_of_four(far);
+    v->moved += v->say[k] * (to_float(weigh(codes, near)) - sum * expected[k]);
+  }
+  v->moved /= larger(v->seen, all(1e-3f));
+}
+
+/* Its light, as much of it as it covers of the texels. */
+INLINE sample light_in_front(const depth_field *field, const front *v, f8 coverage) {
+  sample sum = {{{0}}};
+  const f8 unit = root_unit(v->seen);
+  for (int k = 0; k < 4; k++) add_reading(field, &v->at[k], v->weights[k], v->say[k] * unit, &sum);
+  square(&sum, to_int(coverage * (float)WHOLE));
+  return sum;
+}
+
+static uint64_t cover(depth_field *field, depth_rays *rays, const depth_guess *guess,
+                      uint64_t *partly) {
+  const f8 code = load(guess->codes);
+  float coverages[LANES], codes[LANES], scores[LANES];
+  uint16_t light[LANES][4];
+  uint64_t wholly = 0;
+  bundle b;
+  sight s[4];
+  front v;
+  look_around(field, rays, guess->texels, &b, s);
+  look_for(field, &b, s, &code, &v);
+  const f8 share = v.seen / larger(v.seen + v.passed, all(1e-3f));
+  f8 coverage = smaller(larger((share - 0.5f) * SHARPEN + 0.5f, all(0)), all(1));
+  coverage = choose(v.seen * (float)MOST_TIMES < all(ACROSS), all(0), coverage);
+  unsigned mask = mask_bits(coverage > all(LEAST_COVERAGE)) & ((1u << guess->count) - 1);
+  if (!mask) return 0;
+  const sample sum = light_in_front(field, &v, coverage);
+  put(&sum, light);
+  store(coverages, coverage), store(scores, share + share - 1.0f);
+  store(codes, smaller(larger(code + v.moved, all(0)), all(255)));
+  for (; mask; mask &= mask - 1) {
+    const int l = __builtin_ctz(mask);
+    const uint8_t k = guess->texels[l];
+    const bool whole = coverages[l] == 1;
+    memcpy(whole ? rays->rgba[k] : rays->front[k], light[l], sizeof light[l]);
+    if (whole)
+      rays->code[k] = codes[l], rays->score[k] = scores[l], wholly |= 1ull << k;
+    else
+      rays->coverage[k] = coverages[l], *partly |= 1ull << k;
+  }
+  return wholly;
+}
+
+static void lay_over(depth_rays *rays, uint64_t texels) {
+  for (; texels; texels &= texels - 1) {
+    const int k = __builtin_ctzll(texels);
+    const float left = 1 - rays->coverage[k];
+#if defined(__AVX2__)
+    __m128 over = _mm_cvtph_ps(_mm_loadl_epi64((const __m128i *)(const void *)rays->front[k]));
+    __m128 under = _mm_cvtph_ps(_mm_loadl_epi64((const __m128i *)(const void *)rays->rgba[k]));
+    over = _mm_blend_ps(_mm_add_ps(over, _mm_mul_ps(_mm_set1_ps(left), under)), under, 0x8);
+    _mm_storel_epi64((__m128i *)(void *)rays->rgba[k],
+                     _mm_cvtps_ph(over, _MM_FROUND_TO_NEAREST_INT));
+#else
+    for (int c = 0; c < 3; c++) {
+      const float under = left * float_from_half(rays->rgba[k][c]);
+      rays->rgba[k][c] = half_from_float(float_from_half(rays->front[k][c]) + under);
+    }
+#endif
+  }
+}
+
 /* ---- From frame to frame ------------------------------------------------------------------------
  */
 
@@ -1435,42 +1685,62 @@ static uint64_t find_kind(const uint8_t kinds[64], uint8_t kind) {
   return found;
 }
 
-static uint64_t find_steady(const depth_memory *last, uint64_t *beside_lower) {
-  const i8 none = all_int(UINT16_MAX);
+/* The codes of a row and of what lies beside it. */
+INLINE i8 lowest_beside(i8 row, int32_t left, int32_t right, i8 above, i8 below) {
+  const i8 ends = {left, right};
+  i8 before = __builtin_shufflevector(row, ends, 8, 0, 1, 2, 3, 4, 5, 6);
+  i8 after = __builtin_shufflevector(row, ends, 1, 2, 3, 4, 5, 6, 7, 9);
+  return lower(lower(before, after), lower(above, below));
+}
+
+static uint64_t find_steady(const depth_memory *last, const depth_rim *const around[4],
+                            uint16_t lowest[64], uint64_t *beside_lower) {
+  const i8 none = all_int(NO_CODE);
   i8 codes[10];
   uint64_t served = 0, certain = 0;
   *beside_lower = 0;
-  codes[0] = codes[9] = none;
+  codes[0] = load_u16(around[RIM_ABOVE]->codes[RIM_BELOW]);
+  codes[9] = load_u16(around[RIM_BELOW]->codes[RIM_ABOVE]);
   for (int row = 0; row < 8; row++) {
-    i8 near = load_c8(last->kind + 8 * row) == SEEN_NEAR;
+    const i8 kind = load_c8(last->kind + 8 * row), near = kind == SEEN_NEAR;
+    const i8 known = near | (kind == SEEN_WIDE);
     certain |= (uint64_t)mask_bits(load_c8(last->score + 8 * row) >= (int)(100 * MOST_AGREE))
                << 8 * row;
-    codes[row + 1] = (load_u16(last->code + 8 * row) & near) | (none & ~near);
+    served |= (uint64_t)mask_bits(near) << 8 * row;
+    codes[row + 1] = (load_u16(last->code + 8 * row) & known) | (none & ~known);
   }
-  for (int row = 1; row <= 8; row++) {
-    i8 left = __builtin_shufflevector(codes[row], none, 8, 0, 1, 2, 3, 4, 5, 6);
-    i8 right = __builtin_shufflevector(codes[row], none, 1, 2, 3, 4, 5, 6, 7, 8);
-    i8 lowest = lower(lower(left, right), lower(codes[row - 1], codes[row + 1]));
-    i8 known = codes[row] != none;
-    served |= (uint64_t)mask_bits(known) << (8 * row - 8);
-    i8 hidden = known & (lowest < codes[row] - 256 * EDGE_CODES);
-    *beside_lower |= (uint64_t)mask_bits(hidden) << (8 * row - 8);
+  for (int row = 0; row < 8; row++) {
+    const i8 beside =
+        lowest_beside(codes[row + 1], around[RIM_LEFT]->codes[RIM_RIGHT][row],
+                      around[RIM_RIGHT]->codes[RIM_LEFT][row], codes[row], codes[row + 2]);
+    const i8 known = codes[row + 1] != none;
+    const i8 hidden = known & (beside < codes[row + 1] - 256 * EDGE_CODES);
+    store_u16(lowest + 8 * row, beside);
+    *beside_lower |= (uint64_t)mask_bits(hidden) << 8 * row;
   }
   return served & certain;
 }
 
 static void remember(const depth_rays *rays, const uint8_t kinds[64], uint64_t mask,
-                     depth_memory *now) {
+                     depth_memory *now, depth_rim *rim) {
   for (int row = 0; row < 64; row += LANES) {
     i8 made = lanes_of((unsigned)(mask >> row & 0xff));
     i8 code = to_int(256.0f * larger(load(rays->code + row), all(0)));
     f8 at_most_1 = smaller(load(rays->score + row), all(1)); /* sixteen slices may give more */
     i8 score = to_int(100.0f * at_most_1), kind = load_c8(kinds + row);
-    store_u16(now->code + row, (code & made) | (load_u16(now->code + row) & ~made));
+    code = (code & made) | (load_u16(now->code + row) & ~made);
+    kind = (kind & made) | (load_c8(now->kind + row) & ~made);
+    store_u16(now->code + row, code);
     store_c8(now->score + row, (score & made) | (load_c8(now->score + row) & ~made));
-    store_c8(now->kind + row, (kind & made) | (load_c8(now->kind + row) & ~made));
+    store_c8(now->kind + row, kind);
+    const i8 known = (kind == SEEN_NEAR) | (kind == SEEN_WIDE);
+    const i8 shown = (code & known) | (all_int(NO_CODE) & ~known);
+    rim->codes[RIM_LEFT][row / 8] = (uint16_t)shown[0];
+    rim->codes[RIM_RIGHT][row / 8] = (uint16_t)shown[7];
+    if (row == 0) store_u16(rim->codes[RIM_ABOVE], shown);
+    if (row == 56) store_u16(rim->codes[RIM_BELOW], shown);
   }
 }
 
-const depth_kernel KERNEL = {place, find_steady, find_kind, mix,        mix_four_tap,
-                             seek,  seek_alone,  mix_wide,  mix_steady, remember};
+const depth_kernel KERNEL = {place,      find_steady, find_kind,  mix,   mix_four_tap, seek,
+                             seek_alone, mix_wide,    mix_steady, cover, lay_over,     remember};

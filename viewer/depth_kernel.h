@@ -38,6 +38,9 @@ typedef struct {
   float met[64][4];   /* code at which the ray, where it was followed, and each of the four slices
                          around met, below 0 for not */
   uint16_t rgba[64][4]; /* linear, as half floats; A = 1 */
+  /* Of what covers texels in part: its light, as much of it, and how much. */
+  uint16_t front[64][4];
+  float coverage[64];
 } depth_rays;
 
 /* How a texel was mixed. */
@@ -55,6 +58,13 @@ typedef struct {
   uint8_t kind[64];
 } depth_memory;
 
+/* Of a block, which its neighbours ask for. */
+enum { NO_CODE = UINT16_MAX };
+typedef enum { RIM_LEFT, RIM_RIGHT, RIM_ABOVE, RIM_BELOW } rim_side;
+typedef struct {
+  uint16_t codes[4][8]; /* of the texels along each side; NO_CODE where no slice served them */
+} depth_rim;
+
 /* Up to eight guesses of texels' heights: codes to begin with, and the scores for which what is
  * found is taken. The first of several for a texel that is good counts. Lanes beyond `count` repeat
  * the first. */
@@ -71,10 +81,10 @@ typedef struct {
   /* The rays of block (block_u, block_v) for its directions. */
   void (*place)(const depth_field *field, uint32_t block_u, uint32_t block_v,
                 const block_directions *directions, depth_rays *rays);
-  /* The texels whose height most of the slices around knew, and those of them or of others, served
-   * by the four slices around, with a neighbour in the block that saw another thing that is
-   * lower. */
-  uint64_t (*find_steady)(const depth_memory *last, uint64_t *beside_lower);
+  /* The texels whose height most of the slices around knew; the lowest of each texel's neighbours'
+   * codes, and the texels beside which that is of another thing. */
+  uint64_t (*find_steady)(const depth_memory *last, const depth_rim *const around[4],
+                          uint16_t lowest[64], uint64_t *beside_lower);
   /* The texels of that kind. */
   uint64_t (*find_kind)(const uint8_t kinds[64], uint8_t kind);
   /* Mixes those of the texels for whose height there is good evidence among the four slices around;
@@ -96,9 +106,16 @@ typedef struct {
    * are overwritten. */
   uint64_t (*mix_steady)(depth_field *field, depth_rays *rays, const depth_memory *last,
                          uint64_t texels);
+  /* How much of texels is covered by a thing at the heights guessed: mixes those that are wholly,
+   * which it returns, from what shows the thing; keeps the thing's light for those that are
+   * partly, */
+  uint64_t (*cover)(depth_field *field, depth_rays *rays, const depth_guess *guess,
+                    uint64_t *partly);
+  /* and lays it over what they were mixed from. */
+  void (*lay_over)(depth_rays *rays, uint64_t texels);
   /* Keeps what was found for the texels of the mask. */
   void (*remember)(const depth_rays *rays, const uint8_t kinds[64], uint64_t mask,
-                   depth_memory *now);
+                   depth_memory *now, depth_rim *rim);
 } depth_kernel;
 
 /* For any surface, and for flat mirrors, which have neither frames nor a slab. */
@@ -122,6 +139,12 @@ enum {
  * units, or that has hardly any weight. */
 #define LEAST_REACH 0.1f
 #define LEAST_WITNESS 0.03f
+/* The share of the slices' weights that see a thing goes from 0 to 1 over a texel of theirs along
+ * its outline; the outline is this many times narrower, or it looks blurred beside what is drawn.
+ */
+#define SHARPEN 1.7f
+/* What covers less of a texel does not count. */
+#define LEAST_COVERAGE 0.01f
 /* What is lower hides what is higher if it is judged this well beside it. */
 #define LOWER_SHARE 0.2f
 /* A slice on the rim of the neighbourhood keeps this weight: its word on visibility counts. */

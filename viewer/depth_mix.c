@@ -13,8 +13,9 @@ struct depth_mixer {
   const depth_kernel *kernel;
   uint32_t block_u_count, block_v_count; /* of what is mixed */
   depth_memory *last;                    /* of each block */
-  uint8_t *visits;                       /* of each block */
-  depth_mix_counts *counts;              /* of each row of blocks */
+  depth_rim *rims, *last_rims; /* of each block, now and before this frame, and one of none */
+  uint8_t *visits;             /* of each block */
+  depth_mix_counts *counts;    /* of each row of blocks */
 };
 
 bool flat_texel_scale(const slf_mesh *mesh, uint32_t u_count, uint32_t v_count, float scale[4]) {
@@ -55,14 +56,14 @@ bool flat_texel_scale(const slf_mesh *mesh, uint32_t u_count, uint32_t v_count, 
  */
 
 /* What was found for a texel last time is where it is looked for next. Texels with some slices that
- * disagree forget every 16th frame, so that nothing wrong stays: those of a block at once, as
+ * disagree forget every 32nd frame, so that nothing wrong stays: those of a block at once, as
  * eight are followed at the cost of one. What is forgotten is judged where it was, too, and follows
  * two of the four slices around, the other two the next time; all of them where that gives nothing.
  * Those that the four slices around did not serve try their neighbours' heights every second frame;
  * those that no slice served follow the four along the ray every 16th, and forget that every 64th.
  * Blocks take turns. */
 enum {
-  FORGET = 16,
+  FORGET = 32,
   FORGET_UNSEEN = 64,
   FOLLOW = 16,
   TRY = 2,
@@ -104,7 +105,6 @@ static float wanted_score(const depth_memory *last, uint32_t k) {
 /* Where a guess comes from: the texel itself or its neighbours, last time. What moves, moves over a
  * texel from there. */
 typedef enum {
-  GUESS_LOWER, /* from the lowest neighbour, if that is another thing, which may hide the texel's */
   GUESS_AGAIN,
   GUESS_RIGHT,
   GUESS_LEFT,
@@ -114,7 +114,7 @@ typedef enum {
 } guess_origin;
 
 /* Steps to a texel's neighbours, in the block. */
-static const int8_t steps[GUESS_COUNT] = {0, 0, 1, -1, 8, -8};
+static const int8_t steps[GUESS_COUNT] = {0, 1, -1, 8, -8};
 
 /* The texels that have such a neighbour among those of the mask. */
 static uint64_t beside(uint64_t mask, guess_origin origin) {
@@ -140,25 +140,8 @@ typedef struct {
   uint64_t near, unknown;
 } memories;
 
-static void guess_lower(const memories *known, uint32_t k, float *code, float *wanted) {
-  const depth_memory *last = known->last;
-  int lowest = last->code[k];
-  for (int origin = GUESS_RIGHT; origin < GUESS_COUNT; origin++) {
-    if (!(beside(known->near, (guess_origin)origin) >> k & 1)) continue;
-    const int there = last->code[(int)k + steps[origin]];
-    if (there < lowest) lowest = there;
-  }
-  *code = (float)lowest / 256;
-  const float share = 0.01f * LOWER_SHARE * (float)last->score[k];
-  *wanted = share > LEAST_NEAR ? share : LEAST_NEAR;
-}
-
 static void guess(const memories *known, uint32_t k, guess_origin origin, float *code,
                   float *wanted) {
-  if (origin == GUESS_LOWER) {
-    guess_lower(known, k, code, wanted);
-    return;
-  }
   const uint32_t from = (uint32_t)((int)k + steps[origin]);
   *code = (float)known->last->code[from] / 256;
   *wanted = wanted_score(known->last, from);
@@ -311,6 +294,33 @@ static void use_slices(const depth_pages *p, const depth_rays *rays) {
   }
 }
 
+/* Mixes those that something in front covers wholly; returns them. */
+static uint64_t mix_covered(depth_mixer *m, depth_rays *rays, uint64_t texels,
+                            const uint16_t lowest[64], uint64_t *partly) {
+  uint64_t mixed = 0;
+  while (texels) {
+    depth_guess g = {.count = 0};
+    for (; texels && g.count < LANES; texels &= texels - 1) {
+      const uint32_t k = (uint32_t)__builtin_ctzll(texels);
+      add_guess(&g, k, (float)lowest[k] / 256, 0);
+    }
+    repeat_first(&g);
+    mixed |= m->kernel->cover(&m->field, rays, &g, partly);
+  }
+  return mixed;
+}
+
+/* The rims of the blocks around, before this frame. */
+static void find_rims(const depth_mixer *m, uint32_t block_u, uint32_t block_v,
+                      const depth_rim *around[4]) {
+  const depth_rim *none = &m->last_rims[(size_t)m->block_u_count * m->block_v_count];
+  const depth_rim *own = &m->last_rims[(size_t)block_v * m->block_u_count + block_u];
+  around[RIM_LEFT] = block_u > 0 ? own - 1 : none;
+  around[RIM_RIGHT] = block_u + 1 < m->block_u_count ? own + 1 : none;
+  around[RIM_ABOVE] = block_v > 0 ? own - m->block_u_count : none;
+  around[RIM_BELOW] = block_v + 1 < m->block_v_count ? own + m->block_u_count : none;
+}
+
 /* False, and nothing remembered, if a page was missed. */
 static bool mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
                       const block_directions *directions, uint16_t *out, size_t row_nbytes) {
@@ -321,30 +331,35 @@ static bool mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
   const patience p = recall(m, block, &last);
   const memories known = {&last, m->kernel->find_kind(last.kind, SEEN_NEAR),
                           m->kernel->find_kind(last.kind, SEEN_UNKNOWN)};
-  uint64_t beside_lower, steady = m->kernel->find_steady(&last, &beside_lower) & directions->mask;
+  uint16_t lowest[64];
+  const depth_rim *around[4];
+  find_rims(m, block_u, block_v, around);
+  uint64_t partly = 0, beside_lower;
+  uint64_t steady = m->kernel->find_steady(&last, around, lowest, &beside_lower) & directions->mask;
   memset(kinds, SEEN_NEAR, sizeof kinds);
   m->kernel->place(&m->field, block_u, block_v, directions, &rays);
   use_slices(&m->field.pages, &rays);
   uint64_t foretold = m->kernel->mix_steady(&m->field, &rays, &last, steady);
   beside_lower &= directions->mask;
-  if (beside_lower)
-    foretold |= mix_guessed(m, &rays, beside_lower, &known, GUESS_LOWER, GUESS_AGAIN);
+  if (beside_lower) foretold |= mix_covered(m, &rays, beside_lower, lowest, &partly);
   if (m->field.missed) return false;
   if (directions->mask & ~foretold)
     foretold |= mix_rest(m, &rays, directions->mask & ~foretold, &known, p, kinds);
   if (m->field.missed) return false;
+  if (partly) m->kernel->lay_over(&rays, partly & ~m->kernel->find_kind(kinds, SEEN_NOT));
   for (uint64_t left = ~directions->mask; left; left &= left - 1)
     memset(rays.rgba[__builtin_ctzll(left)], 0, sizeof *rays.rgba);
   count_texels(&m->counts[block_v], directions->mask, foretold, kinds);
   m->visits[block]++;
   m->last[block] = last;
-  m->kernel->remember(&rays, kinds, directions->mask, &m->last[block]);
+  m->kernel->remember(&rays, kinds, directions->mask, &m->last[block], &m->rims[block]);
   for (int row = 0; row < 8; row++)
     memcpy((uint8_t *)out + (size_t)row * row_nbytes, rays.rgba[8 * row], 8 * sizeof *rays.rgba);
   return true;
 }
 
 void depth_mixer_begin_frame(depth_mixer *m) {
+  memcpy(m->last_rims, m->rims, (size_t)m->block_u_count * m->block_v_count * sizeof *m->rims);
   m->field.pages.now++;
 }
 
@@ -409,6 +424,8 @@ depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
   size_t block_count = (size_t)m->block_u_count * m->block_v_count;
   m->last = calloc(block_count, sizeof *m->last);
   m->visits = calloc(block_count, 1);
+  m->rims = malloc(block_count * sizeof *m->rims);
+  m->last_rims = malloc((block_count + 1) * sizeof *m->rims);
   m->counts = calloc(m->block_v_count, sizeof *m->counts);
   bool is_slab = flat && surface->slab.thickness > 0;
   f->slab = surface->slab;
@@ -416,11 +433,13 @@ depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
     f->slopes = find_slopes(&f->pages, f->scale, NULL);
     if (is_slab) f->through = find_slopes(&f->pages, f->scale, &f->slab);
   }
-  if (!f->slopes || !m->last || !m->visits || !m->counts || (!flat && !f->frames) ||
-      (is_slab && !f->through)) {
+  if (!f->slopes || !m->last || !m->rims || !m->last_rims || !m->visits || !m->counts ||
+      (!flat && !f->frames) || (is_slab && !f->through)) {
     depth_mixer_free(m);
     return NULL;
   }
+  memset(m->rims, 0xff, block_count * sizeof *m->rims); /* NO_CODE */
+  memset(m->last_rims, 0xff, (block_count + 1) * sizeof *m->rims);
   f->pages.wrap_u = wrap_u && !flat;
   depth_mixer_use_kernel(m, RESAMPLE_BEST);
   return m;
@@ -443,6 +462,8 @@ void depth_mixer_free(depth_mixer *m) {
   free(m->field.through);
   free(m->field.frames);
   free(m->last);
+  free(m->rims);
+  free(m->last_rims);
   free(m->visits);
   free(m->counts);
   depth_pages_free(&m->field.pages);

@@ -6,7 +6,9 @@
  *     p_i = p + h (q_i - q),
  * if nothing in between hides it, and then its own height there is h. What the slices around (S,T)
  * say of h is weighed against each other: a slice that sees something lower is merely hidden and
- * has no say; one that looks further, through the point, proves that the point is not there.
+ * has no say; one that looks further, through the point, proves that the point is not there. At an
+ * outline texels of slices do the one and the other, and their shares say how much of the texel the
+ * thing covers.
  *
  * Behind a slab (slf.h) h begins at its far side, and what rays pass in between counts as their
  * way through it: p_i = p + h (q_i - q) + w_i - w, w = thickness (s, t) / sqrt(ior^2 - s^2 - t^2).
@@ -33,7 +35,8 @@ depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
                                 const slf_surface *surface, uint32_t u_count, uint32_t v_count);
 void depth_mixer_free(depth_mixer *m); /* accepts NULL */
 
-/* Before each frame: what is not read for many of them makes room for other things. */
+/* Before each frame: what is not read for many of them makes room for other things, and what a
+ * block found is what its neighbours know of it from then on. */
 void depth_mixer_begin_frame(depth_mixer *m);
 
 /* Mixes 8x8 texels at once; directions and out as for resample_block. */
@@ -43,8 +46,8 @@ void depth_mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
 /* The same, from any number of threads at once, no two of them in the same row of blocks. The
  * sources are not asked: where something must be decompressed first, nothing is done, and it
  * returns false; depth_mix_block is to be called for that block when the others have finished. What
- * comes out depends on the block's own earlier frames and on no other block, so that it makes no
- * difference which thread mixes it and when. */
+ * comes out depends on earlier frames of the block and of its neighbours, and on nothing of this
+ * frame, so that it makes no difference which thread mixes it and when. */
 bool depth_mix_block_shared(depth_mixer *m, uint32_t block_u, uint32_t block_v,
                             const block_directions *directions, uint16_t *out, size_t row_nbytes);
 

@@ -246,19 +246,28 @@ static void update_row(void *context, uint64_t block_v) {
       updated[i] = update_block(u, i, (uint32_t)block_v, &d);
 }
 
-void texture_update(texture *x, const camera *c, direction_bend bend) {
-  uv_mesh *mesh = &x->mesh;
-  const uint32_t block_u_count = mesh->block_u_count, block_v_count = mesh->block_v_count;
-  const size_t block_count = (size_t)block_u_count * block_v_count;
+/* Of a mix by depth that begins: outlines are made from what was found the time before, a texel
+ * further each time, and the view may stay as it is. */
+enum { FIRST_UPDATES = 5 };
+
+static void update_blocks(texture *x, direction_bend bend) {
+  const uint32_t block_v_count = x->mesh.block_v_count;
   update u = {x, bend, x->mix_thread_count > 1 && x->made_count >= x->least_made_count};
-  look_from(x, c);
-  if (x->thread_count > 1 && !bend.bend && !x->depth) decode_ahead(x);
   if (x->depth) depth_mixer_begin_frame(x->depth);
-  memset(x->updated, BLOCK_WAITS, block_count);
+  memset(x->updated, BLOCK_WAITS, (size_t)x->mesh.block_u_count * block_v_count);
   if (u.together) parallel_for(x->mix_thread_count, block_v_count, update_row, &u);
   u.together = false;
   for (uint32_t block_v = 0; block_v < block_v_count; block_v++) update_row(&u, block_v);
   resample_flush(x->resampler);
+}
+
+void texture_update(texture *x, const camera *c, direction_bend bend) {
+  const uint32_t block_u_count = x->mesh.block_u_count;
+  const size_t block_count = (size_t)block_u_count * x->mesh.block_v_count;
+  look_from(x, c);
+  if (x->thread_count > 1 && !bend.bend && !x->depth) decode_ahead(x);
+  update_blocks(x, bend);
+  for (int i = 1; x->depth && x->made_count == 0 && i < FIRST_UPDATES; i++) update_blocks(x, bend);
   x->made_count = 0;
   x->changed[0] = (mipmap_area){0, 0, 0, 0};
   for (size_t block = 0; block < block_count; block++) {

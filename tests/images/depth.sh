@@ -29,9 +29,9 @@ while read -r view margin; do
   check "mirror floor by depth, $view, agrees with POV-Ray" "${psnr:-0} >= $margin"
   check "mirror floor by depth, $view, is 8 dB better than four taps" "${psnr:-0} >= ${paper:-99} + 8"
 done <<END
-corner 26.5
-gallery 31.6
-above 31.1
+corner 27.1
+gallery 32.2
+above 31.6
 END
 # Frame after frame, each texel looked for where it was: POV-Ray's reflections move, ours do not jump.
 flight=$(tests/bench/flight.sh build/check-pond-layers.slf 10 120x90 "$out/flight" | tr -d ' ",' | tr '\n' ' ')
@@ -40,8 +40,9 @@ read -r drop < <(tr ' ' '\n' <<< "$flight" | awk -F: '$1 == "depth_flight_worst_
 check "no frame of a flight past a column is 1.5 dB below its neighbours" "${drop:-9} <= 1.5"
 # What the mix remembers from frame to frame must not outlive its truth: after so many frames of that
 # flight the picture is the one that a viewer draws that has just been opened there. Worst of the
-# frames compared: 33.5 dB when this was written; 28.2 where a texel kept for twice as long (32 frames)
-# what only some of the slices agreed on, which took bites out of the reflected ball.
+# frames compared: 34.9 dB when this was written, 35.1 where a texel kept for half as long (16 frames)
+# what only some of the slices agreed on. Before the mix asked how much of a texel is covered that was
+# 33.5 dB with 16 frames and 28.2 with 32, which took bites out of the reflected ball.
 camera_at() { awk -v n="$1" 'BEGIN { printf "%.6f,1.4,-3.6,0.6,0.5,1.5,70", 0.6 - 3.2*n/199 }'; }
 draw() { # OUT OPTION...
   build/slfview build/check-pond-layers.slf --size 160x120 --backend osmesa --output "$@" > "$out/log" 2>&1 || cat "$out/log" >&2
@@ -54,7 +55,7 @@ worst=$(for n in {12..60..8}; do
   build/tests/images/compare "$out/opened.png" "$out/flown-$(printf %04d "$n").png" "$out/flown-mask.png" || echo 0
 done | sort -n | awk 'NR == 1 { worst = $1 } END { print NR == 7 ? worst : 0 }')
 echo "# figure: flown to and opened there: $worst dB at worst"
-check "60 frames of flight leave nothing in the picture that a fresh look would not show" "${worst:-0} >= 32"
+check "60 frames of flight leave nothing in the picture that a fresh look would not show" "${worst:-0} >= 33.6"
 check "heights cost less than a fifth of the floor" \
   "$(build/slf info $file | awk '/^surface/ { floor = $3 == "floor" } floor && $2 == "MB" { kept[n++] = $1 }
      END { printf "%g <= 0.2 * (%g + %g + %g)", kept[2], kept[0], kept[1], kept[2] }')"
