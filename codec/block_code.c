@@ -17,7 +17,7 @@ const uint8_t slf_zigzag[COEFFICIENTS + 1] = {
 
 /* ---- Tables -------------------------------------------------------------------------------- */
 
-/* An AC symbol out of `bits` bits; no bits taken if it is not whole, or more than a symbol. */
+/* An AC symbol out of `bits` bits; none taken if it is not whole, escapes, or is illegal. */
 typedef struct {
   unsigned taken, step, size;
   bool end;

@@ -51,11 +51,10 @@ parse_dc(const block_tables *tables, int code, bool present, bit_reader *r, int3
   return good;
 }
 
-/* Where in a channel's AC symbols the reader is. A level beyond the last place is lost from
- * `places`, which so has fewer of them than were counted. */
+/* Where in a channel's AC symbols the reader is. */
 typedef struct {
-  uint64_t places;      /* of levels */
-  uint64_t next;        /* the place behind the last one's, modulo 64 */
+  uint64_t places;      /* of levels; worth nothing once next is beyond the scan */
+  uint64_t next;        /* the place behind the last one's */
   uint8_t *sizes;       /* of the levels, up to here */
   uint32_t taken, seen; /* what the last look saw: the bits, with flags, and the symbols */
   uint32_t sum;         /* of bits that the reader's count does not know of, modulo 64 */
@@ -85,7 +84,7 @@ static inline __attribute__((always_inline)) void take_seen(channel_reader *c, b
   put_sizes(c->sizes, spread_sizes(c->seen >> FAST_REACH));
   c->sizes += __builtin_popcountll(ahead);
   c->places |= ahead << (c->next & 63);
-  c->next -= (unsigned)__builtin_clzll(ahead | 1); /* + 64 - clz; 0 only where the channel ends */
+  c->next += 63 - (unsigned)__builtin_clzll(ahead << 1 | 1);
 }
 
 /* Takes what a window shows, unless there is nothing to show or the channel ends: two in one, so
@@ -116,9 +115,9 @@ static __attribute__((noinline)) bool parse_long(const huffman_decoder *decoder,
   } else if (size == 0 && symbol != SYMBOL_RUN_16) {
     return false;
   }
-  if ((c->next & 63) + run >= COEFFICIENTS) return false;
+  if (c->next + run >= COEFFICIENTS) return false;
   *c->sizes++ = (uint8_t)size;
-  c->places |= 1ull << ((c->next & 63) + run);
+  c->places |= 1ull << (c->next + run);
   c->next += run + 1;
   return true;
 }
@@ -153,13 +152,12 @@ static inline __attribute__((always_inline)) bool parse_channel(const block_tabl
       *r = copy;
       c = there;
     }
-    if (end || !good || __builtin_expect(c.sizes - begin >= COEFFICIENTS, 0)) break;
+    if (end || !good || __builtin_expect(c.next > COEFFICIENTS, 0)) break;
     refill(r);
   }
-  uint32_t count = (uint32_t)(c.sizes - begin);
   coded->places[channel] = c.places;
-  coded->count += count;
-  return good && end && count == (uint32_t)__builtin_popcountll(c.places);
+  coded->count += (uint32_t)(c.sizes - begin);
+  return good && end && c.next <= COEFFICIENTS;
 }
 
 /* One symbol that PASS_BITS do not show whole. False if it is none. There are bits for another step

@@ -302,6 +302,70 @@ static void kernels_parse_random_bits_alike(void **state) {
   free(tables);
 }
 
+/* One C-Block of INTRA with luma's AC alone, of symbols of one size and these runs; whether all
+ * kernels take it for one. */
+static bool is_block(const block_codes *codes, const block_tables *tables, const unsigned *runs,
+                     int count) {
+  bit_string bits = {0};
+  huffman_encoder heads, sizes, first, later;
+  huffman_make_encoder(&codes->codes[CODE_HEAD], &heads);
+  huffman_make_encoder(&codes->codes[CODE_DC], &sizes);
+  huffman_make_encoder(&codes->codes[CODE_AC], &first);
+  huffman_make_encoder(&codes->codes[CODE_AC + 1], &later);
+  bits_put(&bits, heads.codes[1], heads.bits[1]);
+  for (int c = 0; c < 3; c++) bits_put(&bits, sizes.codes[0], sizes.bits[0]);
+  for (int i = 0; i < count; i++) {
+    const huffman_encoder *code = i ? &later : &first;
+    const bool escapes = runs[i] > 15;
+    const unsigned symbol = escapes ? SYMBOL_ESCAPE : runs[i] << 4 | 1;
+    bits_put(&bits, code->codes[symbol], code->bits[symbol]);
+    if (escapes) bits_put(&bits, runs[i] << ESCAPED_SIZE_BITS | 1, 10);
+  }
+  bits_put(&bits, later.codes[SYMBOL_END], later.bits[SYMBOL_END]);
+  for (int i = 0; i < count; i++) bits_put(&bits, 1, 1);
+  uint8_t bytes[128] = {0};
+  memcpy(bytes, bits.bytes, (size_t)(bits.bit_count + 7) / 8);
+  bits_free(&bits);
+  block_stream stream = {bytes, sizeof bytes, 2};
+  bool good[MOST_KERNELS] = {false};
+  for (int k = 0; k < kernel_count; k++) {
+    entry_state state = {0};
+    bit_reader reader;
+    entry_begin(&state, (int16_t[3]){0});
+    reader_begin(&reader, &stream, 0, 0);
+    good[k] = kernels[k]->parse(tables, &reader, 0, 0, true, &state);
+    assert_int_equal(good[k], good[0]);
+  }
+  return good[0];
+}
+
+/* A level at place 63 is the last one; no symbol goes beyond, however it is coded. */
+static void levels_end_with_the_scan(void **state) {
+  (void)state;
+  block_codes codes = {0};
+  block_tables *tables = malloc(sizeof *tables);
+  for (int code = 0; code < CODE_WHOLE_HEAD; code++) {
+    uint64_t counts[256] = {1, 1};
+    for (int run = 0; run < 16 && code >= CODE_AC; run++)
+      counts[run << 4 | 1] = counts[run << 4] = 1;
+    huffman_build(counts, &codes.codes[code]);
+  }
+  block_tables_make(&codes, tables);
+  unsigned each[64] = {0}; /* a level at every place */
+  assert_true(is_block(&codes, tables, each, 63));
+  assert_false(is_block(&codes, tables, each, 64));
+  static const unsigned last[] = {15, 15, 15, 14, 3}, beyond[] = {15, 15, 15, 15};
+  assert_true(is_block(&codes, tables, last, 4)); /* places 16, 32, 48, 63 */
+  assert_false(is_block(&codes, tables, last, 5));
+  assert_false(is_block(&codes, tables, beyond, 4));
+  static const unsigned escaped[] = {62, 0, 20}, far[] = {63};
+  assert_true(is_block(&codes, tables, escaped, 1));
+  assert_false(is_block(&codes, tables, escaped, 2));
+  assert_false(is_block(&codes, tables, escaped, 3));
+  assert_false(is_block(&codes, tables, far, 1));
+  free(tables);
+}
+
 /* ---- Huffman codes ------------------------------------------------------------------------- */
 
 static void codes_come_back(void **state) {
@@ -393,6 +457,7 @@ int main(void) {
                                      cmocka_unit_test(kernels_make_the_same_codes),
                                      cmocka_unit_test(low_frequencies_make_the_same_codes),
                                      cmocka_unit_test(kernels_parse_random_bits_alike),
+                                     cmocka_unit_test(levels_end_with_the_scan),
                                      cmocka_unit_test(codes_come_back),
                                      cmocka_unit_test(impossible_codes_are_refused),
                                      cmocka_unit_test(entries_are_found)};
