@@ -15,7 +15,7 @@
 # same: only what changed is baked again.
 
 BAKE_PROGRAMS := $(addprefix $(OUT)/bake/,plan camera ray_scene ray_table find_cover choose match gather layers pack progress)
-BAKE_OBJECTS := $(addprefix $(OBJ)/bake/,surface.o frame.o texel_frame.o cover.o probe.o fog.o sample.o image.o fail.o)
+BAKE_OBJECTS := $(addprefix $(OBJ)/bake/,surface.o frame.o texel_frame.o cover.o probe.o fog.o outline.o sample.o image.o fail.o)
 $(OBJ)/bake/%.o: PKG_CFLAGS = $(shell pkg-config --cflags OpenEXR)
 
 all: $(BAKE_PROGRAMS)
@@ -108,7 +108,7 @@ $(addsuffix .made,$(CHOICES)): $(LIGHT) $(BAKE_DIR)/look $(addprefix bake/,camer
 $(COSTS): $(BAKE_DIR)/look | $(LIGHT) $(RAY_TABLES)
 	@bake/trace cost $(notdir $(@D)) $@
 
-$(CHUNKS): $(LIGHT) $(BAKE_DIR)/look $(addprefix bake/,camera.c frame.c texel_frame.c surface.c cover.c sample.c layers.c fog.c image.c) | bake-begins
+$(CHUNKS): $(LIGHT) $(BAKE_DIR)/look $(addprefix bake/,camera.c frame.c texel_frame.c surface.c cover.c sample.c layers.c fog.c outline.c image.c) | bake-begins
 	$(if $(BAKE_LIST),$(info $@),@bake/trace chunk $(notdir $(@D)) $(basename $(notdir $@)) $@)
 	$(if $(BAKE_LIST)$(FARM_TASK),,@$(BAKE_BIN)/progress report $(BAKE_DIR) $(BAKE_RAYS))
 .PHONY: bake-begins bake-ready bake-chunks

@@ -16,6 +16,7 @@
 #include "cover.h"
 #include "fail.h"
 #include "frame.h"
+#include "outline.h"
 #include "probe.h"
 #include "sample.h"
 #include "texel_frame.h"
@@ -102,7 +103,7 @@ static void write_planar_camera(const shot *self, uint32_t width, uint32_t heigh
   double uv[SAMPLE_MAX_RAYS][2], direction[3];
   double start = surface_ray_start(self->self);
   sample_texel_offsets(rays, uv);
-  texel_frame at = texel_frame_of_ray(self->self, NULL, 0);
+  texel_frame at = texel_frame_of_centre(self->self, NULL, 1, 0);
 
   printf("#declare Slf_Tiles = mesh2 {\nvertex_vectors { %u\n", 3 * tile_count);
   if (fogged) write_first_tile(self->self, at.normal);
@@ -214,19 +215,49 @@ static texel_frame frame_of_ray(const shot *self, uint32_t view, size_t i, uint3
   size_t ray = texel * rays + m;
   if (self->sources) ray = self->sources[ray];
   return rays == 1 ? texel_frame_of_centre(self->self, self->table, self->table_rays, ray)
-                   : texel_frame_of_ray(self->self, self->table, ray);
+                   : texel_frame_of_ray(self->self, self->table, self->table_rays, ray);
+}
+
+/* Against a direction of a frame, from where it leaves the surface. */
+static void write_ray(const lattice *on, const texel_frame *at, const double stn[3], double start) {
+  double direction[3], origin[3];
+  texel_frame_to_scene(at, stn, direction);
+  normalise(direction);
+  memcpy(origin, at->position, sizeof origin);
+  add_scaled(origin, direction, start);
+  write_face(on, origin, direction);
 }
 
 static void write_view_faces(const shot *self, const lattice *on, uint32_t view, uint32_t m,
                              double start) {
   for (size_t i = 0; i < (size_t)self->grid.u_count * self->grid.v_count; i++) {
     texel_frame at = frame_of_ray(self, view, i, m);
-    double direction[3];
-    texel_frame_to_scene(&at, self->views.stn[view * self->views.rays + m], direction);
-    normalise(direction);
-    add_scaled(at.position, direction, start);
-    write_face(on, at.position, direction);
+    write_ray(on, &at, self->views.stn[view * self->views.rays + m], start);
   }
+}
+
+/* Scenes of before 1.5 had no expressions in vectors: POV-Ray then does not look for any. */
+static void begin_meshes(void) {
+  printf("#declare Slf_Version = version;\n#version 1.0;\n");
+}
+
+static void begin_mesh(uint32_t mesh, long face_count) {
+  printf("#declare Slf_Rays_%u = mesh2 {\nvertex_vectors { %ld\n", mesh, 3 * face_count);
+}
+
+static void end_mesh(long face_count) {
+  printf("}\nface_indices { %ld\n", face_count);
+  for (long i = 0; i < face_count; i++)
+    write_integers((const long[3]){3 * i, 3 * i + 1, 3 * i + 2});
+  printf("}\nhierarchy off }\n");
+}
+
+static void end_meshes(const shot *self, const lattice *on, uint32_t mesh_count) {
+  printf("#version Slf_Version;\n");
+  write_camera(self, mesh_count, 0);
+  for (uint32_t mesh = 0; mesh < mesh_count; mesh++)
+    printf("mesh { Slf_Rays_%u scale %.17g }\n", mesh, 1 / on->per_scene_unit);
+  printf("} location 0 direction z }\n");
 }
 
 /* Mesh m holds ray m of every texel of every view; apart, the one mesh holds ray after ray. */
@@ -237,46 +268,66 @@ static void write_curved_camera(const shot *self) {
   long face_count = (long)self->grid.u_count * self->grid.v_count * images;
   double start = surface_ray_start(self->self);
   lattice on = lattice_of(self->self);
-  /* Scenes of before 1.5 had no expressions in vectors: POV-Ray then does not look for any. */
-  printf("#declare Slf_Version = version;\n#version 1.0;\n");
+  begin_meshes();
   for (uint32_t mesh = 0; mesh < mesh_count; mesh++) {
-    printf("#declare Slf_Rays_%u = mesh2 {\nvertex_vectors { %ld\n", mesh, 3 * face_count);
+    begin_mesh(mesh, face_count);
     for (uint32_t k = 0; k < images; k++)
       write_view_faces(self, &on, self->apart ? k / rays : k, self->apart ? k % rays : mesh, start);
-    printf("}\nface_indices { %ld\n", face_count);
-    for (long i = 0; i < face_count; i++)
-      write_integers((const long[3]){3 * i, 3 * i + 1, 3 * i + 2});
-    printf("}\nhierarchy off }\n");
+    end_mesh(face_count);
   }
-  printf("#version Slf_Version;\n");
-  write_camera(self, mesh_count, 0);
-  for (uint32_t mesh = 0; mesh < mesh_count; mesh++)
-    printf("mesh { Slf_Rays_%u scale %.17g }\n", mesh, 1 / on.per_scene_unit);
-  printf("} location 0 direction z }\n");
+  end_meshes(self, &on, mesh_count);
+}
+
+/* Every ray of a sample of each texel, by itself; views are those of a chunk of layers, one ray
+ * each. What is left of the frame's last row looks where the first ray does. */
+static void write_outline_camera(const shot *self, const outline_list *outlines) {
+  const surface *of = self->self;
+  const uint32_t rays = self->table_rays;
+  const long used = 1 + (long)outlines->count * rays;
+  const long face_count = (long)OUTLINE_FRAME_WIDTH * (outline_frame_height(outlines, rays) - 1);
+  const size_t middle = (size_t)(of->v_count / 2) * of->u_count + of->u_count / 2;
+  const texel_frame middle_frame = texel_frame_of_centre(of, self->table, rays, middle);
+  const double up[3] = {0, 0, 1}, start = surface_ray_start(of);
+  lattice on = lattice_of(of);
+  begin_meshes();
+  begin_mesh(0, face_count);
+  write_ray(&on, &middle_frame, up, start);
+  for (uint32_t i = 0; i < outlines->count; i++)
+    for (uint32_t m = 0; m < rays; m++) {
+      size_t ray = (size_t)outlines->texels[i].texel * rays + m;
+      if (self->sources) ray = self->sources[ray];
+      const texel_frame at = texel_frame_of_ray(of, self->table, rays, ray);
+      write_ray(&on, &at, self->views.stn[outlines->texels[i].slice], start);
+    }
+  for (long i = used; i < face_count; i++) write_ray(&on, &middle_frame, up, start);
+  end_mesh(face_count);
+  end_meshes(self, &on, 1);
 }
 
 int main(int argc, char **argv) {
-  if (argc != 6 && argc != 8) {
+  if (argc != 6 && argc != 8 && argc != 9) {
     fputs("usage: camera FOLDER SURFACE RAYS SCENE.pov CHUNK|cover|light|probe|tests|match|cost "
-          "[FOG_DISTANCE FOG_GREY] > OUT.pov\n",
+          "[FOG_DISTANCE FOG_GREY [OUTLINES]] > OUT.pov\n"
+          "OUTLINES: of the chunk (outline.h), seen by all rays\n",
           stderr);
     return 2;
   }
   const char *folder = argv[1], *what = argv[5];
   surface *on = surface_read(folder, argv[2]);
-  uint32_t table_rays = surface_table_rays(on, (uint32_t)atoi(argv[3]));
+  uint32_t table_rays = (uint32_t)atoi(argv[3]);
   uint32_t rays = table_rays, hole_count, width, height;
-  if (strspn(what, "0123456789") == strlen(what)) rays = surface_rays(on, (uint32_t)atoi(argv[3]));
+  if (strspn(what, "0123456789") == strlen(what)) rays = surface_rays(on, table_rays);
   if (!strcmp(what, "tests") || !strcmp(what, "match")) rays = 1;
   shot self = {.self = on, .grid = grid_of_all(on), .planar = on->planar, .table_rays = table_rays};
   float *table = texel_frames_read(folder, on, table_rays);
   uint32_t *sources = NULL, *places = NULL;
+  outline_list outlines = {0};
   if (!strcmp(what, "cover")) {
     self.views = views_of_cover(rays);
     self.reach = COVER_REACH * surface_ray_start(on);
     self.apart = true;
   } else {
-    sources = cover_sources(folder, on, table_rays, rays, &hole_count);
+    sources = cover_sources(folder, on, table_rays, argc == 9 ? table_rays : rays, &hole_count);
     if (!strcmp(what, "probe"))
       self.views = probe_views(rays), self.grid = probe_grid(on);
     else if (!strcmp(what, "tests"))
@@ -297,15 +348,23 @@ int main(int argc, char **argv) {
 
   /* The size of the frame, for whoever calls POV-Ray, and the number of its rays. */
   frame_size(self.planar, self.grid, &self.views, self.apart, &width, &height);
-  printf("// +W%u +H%u\n// %u\n#version 3.7;\n#declare Slf_Pass = %d;\n", width, height,
-         self.grid.u_count * self.grid.v_count * self.views.view_count * rays,
+  uint32_t ray_count = self.grid.u_count * self.grid.v_count * self.views.view_count * rays;
+  if (argc == 9) {
+    outlines = outlines_read(argv[8], on, self.views.view_count);
+    width = OUTLINE_FRAME_WIDTH, height = outline_frame_height(&outlines, table_rays);
+    ray_count = width * (height - 1);
+  }
+  printf("// +W%u +H%u\n// %u\n#version 3.7;\n#declare Slf_Pass = %d;\n", width, height, ray_count,
          strcmp(what, "light") ? 3 : 4);
   printf("#declare Slf_Photon_Map = \"%s/light.photons\";\n#include \"%s\"\n", folder, argv[4]);
-  if (argc == 8) printf("fog { fog_type 1 distance %s rgb %s }\n", argv[6], argv[7]);
-  if (self.planar)
+  if (argc >= 8) printf("fog { fog_type 1 distance %s rgb %s }\n", argv[6], argv[7]);
+  if (argc == 9)
+    write_outline_camera(&self, &outlines);
+  else if (self.planar)
     write_planar_camera(&self, width, height, argc == 8);
   else
     write_curved_camera(&self);
+  free(outlines.texels);
   free(self.views.stn);
   free(places);
   free(sources);

@@ -53,7 +53,7 @@ int main(int argc, char **argv) {
     return 2;
   }
   surface *self = surface_read(argv[1], argv[2]);
-  uint32_t rays = surface_table_rays(self, (uint32_t)atoi(argv[3]));
+  uint32_t rays = (uint32_t)atoi(argv[3]);
   texel_grid grid = probe_grid(self);
   view_list views = probe_views(rays);
   float *means = frame_read_means(argv[4], self->planar, grid, &views, NULL);

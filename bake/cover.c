@@ -29,14 +29,6 @@ static int64_t next_covering(const uint8_t *cover, size_t texel, uint32_t rays, 
   return -1;
 }
 
-/* The texel beside (i, j), or -1 beyond an edge that does not wrap. */
-static int64_t neighbour(const surface *self, int64_t i, int64_t j) {
-  int64_t u_count = self->u_count, v_count = self->v_count;
-  if (self->flags & SLF_SURFACE_WRAP_U) i = (i + u_count) % u_count;
-  if (self->flags & SLF_SURFACE_WRAP_V) j = (j + v_count) % v_count;
-  return i < 0 || i >= u_count || j < 0 || j >= v_count ? -1 : j * u_count + i;
-}
-
 /* For every texel the nearest one that has a covering ray: breadth first from all of those at once.
  */
 static uint32_t *nearest_covered(const surface *self, const uint8_t *cover, uint32_t rays,
@@ -53,8 +45,8 @@ static uint32_t *nearest_covered(const surface *self, const uint8_t *cover, uint
   *hole_count = (uint32_t)(texel_count - tail);
   for (size_t head = 0; head < tail; head++) {
     int64_t i = queue[head] % self->u_count, j = queue[head] / self->u_count;
-    const int64_t beside[4] = {neighbour(self, i - 1, j), neighbour(self, i + 1, j),
-                               neighbour(self, i, j - 1), neighbour(self, i, j + 1)};
+    const int64_t beside[4] = {surface_texel(self, i - 1, j), surface_texel(self, i + 1, j),
+                               surface_texel(self, i, j - 1), surface_texel(self, i, j + 1)};
     for (int k = 0; k < 4; k++) {
       if (beside[k] < 0 || nearest[beside[k]] != UINT32_MAX) continue;
       nearest[beside[k]] = nearest[queue[head]];

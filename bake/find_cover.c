@@ -14,7 +14,7 @@ int main(int argc, char **argv) {
     return 2;
   }
   surface *self = surface_read(argv[1], argv[2]);
-  uint32_t rays = surface_table_rays(self, (uint32_t)atoi(argv[3])), width, height;
+  uint32_t rays = (uint32_t)atoi(argv[3]), width, height;
   view_list views = views_of_cover(rays);
   frame_size(self->planar, grid_of_all(self), &views, true, &width, &height);
   image *frame = image_open(argv[4]);

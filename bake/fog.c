@@ -22,32 +22,36 @@ fog_set fogs_of(const surface *self, double far) {
       .t_far_start = (float)exp(-start / far)};
 }
 
-/* What a fog adds to paths beyond the ray's start, summed over the channels. */
-static float fogged(const float black[3], const float white[3], float t_start) {
+/* What a near fog adds to paths beyond the ray's start. */
+float fog_reflectance(const fog_set *by, const float near_black[3], const float near_white[3]) {
   float sum = 0;
-  for (int k = 0; k < 3; k++) sum += (white[k] - black[k] - 1 + t_start) / t_start;
-  return sum;
+  for (int k = 0; k < 3; k++)
+    sum += (near_white[k] - near_black[k] - 1 + by->t_near_start) / by->t_near_start;
+  return sum > 3 * least_reflectance ? sum : 0;
+}
+
+/* T of what is reflected and 1 - T of the fog add up to what is seen. */
+float fog_distance(const fog_set *by, float reflectance, const float own[3],
+                   const float reflected[3], const float far_bright[3]) {
+  float light = 0, sum = 0, start = (1 - by->t_far_start) * bright;
+  for (int k = 0; k < 3; k++) {
+    light += reflected[k];
+    sum += (far_bright[k] - start) / by->t_far_start - own[k];
+  }
+  float opaque = reflectance > 0 ? (sum - light) / (reflectance * bright - light) : 1;
+  return -(float)by->fogs[FAR_BRIGHT].distance * logf(fminf(fmaxf(1 - opaque, 1e-6f), 1));
 }
 
 bool fog_split(const fog_set *by, const float full[3], float *const through[FOG_COUNT], size_t at,
                float own[3], float reflected[3], float *distance) {
-  const float *seen[FOG_COUNT];
-  for (int i = 0; i < FOG_COUNT; i++) seen[i] = through[i] + at;
-  float r = fogged(seen[NEAR_BLACK], seen[NEAR_WHITE], by->t_near_start);
-  bool reflects = r > 3 * least_reflectance;
+  const float *near_black = through[NEAR_BLACK] + at;
+  float reflectance = fog_reflectance(by, near_black, through[NEAR_WHITE] + at);
   for (int k = 0; k < 3; k++) {
-    own[k] = reflects ? fminf(seen[NEAR_BLACK][k] * (1 / by->t_near_start), full[k]) : full[k];
+    own[k] = reflectance > 0 ? fminf(near_black[k] * (1 / by->t_near_start), full[k]) : full[k];
     reflected[k] = full[k] - own[k];
   }
-  /* T of what is reflected and 1 - T of the fog add up to this. */
-  float light = 0, sum = 0, start = (1 - by->t_far_start) * bright;
-  for (int k = 0; k < 3; k++) {
-    light += reflected[k];
-    sum += (seen[FAR_BRIGHT][k] - start) / by->t_far_start - own[k];
-  }
-  float opaque = reflects ? (sum - light) / (r * bright - light) : 1;
-  *distance = -(float)by->fogs[FAR_BRIGHT].distance * logf(fminf(fmaxf(1 - opaque, 1e-6f), 1));
-  return reflects;
+  *distance = fog_distance(by, reflectance, own, reflected, through[FAR_BRIGHT] + at);
+  return reflectance > 0;
 }
 
 bool fog_is_seen(const fog_set *by, float *const through[FOG_COUNT], size_t count) {

@@ -36,6 +36,11 @@ fog_set fogs_of(const surface *, double far);
 bool fog_split(const fog_set *, const float full[3], float *const through[FOG_COUNT], size_t at,
                float own[3], float reflected[3], float *distance);
 
+/* The parts of that. Reflectance: the sum over the channels, 0 where it reflects nothing. */
+float fog_reflectance(const fog_set *, const float near_black[3], const float near_white[3]);
+float fog_distance(const fog_set *, float reflectance, const float own[3], const float reflected[3],
+                   const float far_bright[3]);
+
 /* A white fog brightens the way to the ray's start, whatever is seen. Where it does not in most of
  * `count` numbers, POV-Ray takes the rays to start inside an object, and there is nothing to learn.
  */

@@ -27,8 +27,7 @@ int main(int argc, char **argv) {
   slice *slices = surface_slices(self, &slice_count);
   uint32_t first = surface_chunk(self, rays, chunk).first;
   view_list views = views_of_chunk(self, rays, chunk);
-  uint32_t *sources =
-      cover_sources(argv[1], self, surface_table_rays(self, asked_rays), rays, &hole_count);
+  uint32_t *sources = cover_sources(argv[1], self, asked_rays, rays, &hole_count);
   float *means = frame_read_means(argv[5], self->planar, grid_of_all(self), &views, sources);
   for (uint32_t i = 0; i < views.view_count; i++)
     check_finite(self, slices[first + i], means + (size_t)i * self->u_count * self->v_count * 3,

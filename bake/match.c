@@ -249,7 +249,7 @@ int main(int argc, char **argv) {
     float distance = median_distance(&tests);
     bool seen = fog_is_seen(&tests.fogs, tests.through, tests.view_size * tests.views.view_count);
     if (places && seen && distance > 0) {
-      uint32_t table_rays = surface_table_rays(self, (uint32_t)atoi(argv[4]));
+      uint32_t table_rays = (uint32_t)atoi(argv[4]);
       size_t texel_count = (size_t)self->u_count * self->v_count;
       float *table = texel_frames_read(argv[2], self, table_rays);
       texel_frame *frames = allocate(texel_count, sizeof *frames, self->name);

@@ -1,6 +1,7 @@
 /* pack - writes a scene's surfaces, the slices that were gathered for them, and its views as .slf.
  */
 #include <errno.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,8 +22,9 @@ static void check(slf_result result, const slf_error *error) {
   if (result != SLF_OK) fail("%s", error->message);
 }
 
-/* A chunk of a surface with layers has for each slice these, below each other (layers.c). */
-enum { PART_OWN, PART_REFLECTED, PART_HEIGHT, PART_COUNT };
+/* A chunk of a surface with layers has for each slice these, below each other (layers.c); the last
+ * of them perhaps not. */
+enum { PART_OWN, PART_REFLECTED, PART_HEIGHT, PART_COVERAGE };
 
 /* Where the encoder reads slices: the chunks of one surface, one of them open at a time. */
 typedef struct {
@@ -61,6 +63,10 @@ static void watch_variation(slice_reader *reader, const float *rgb) {
     reader->varies = abs(reader->first[i] - slf_srgb_from_linear(rgb[i])) > 1;
 }
 
+static uint8_t code_from_coverage(float coverage) {
+  return (uint8_t)lrintf(SLF_COVERED_BY_NONE + 127 * coverage);
+}
+
 static slf_result read_slice(void *context, uint32_t s, uint32_t t, float *rgb, slf_error *error) {
   (void)error;
   slice_reader *reader = context;
@@ -69,9 +75,11 @@ static slf_result read_slice(void *context, uint32_t s, uint32_t t, float *rgb, 
   open_chunk(reader, place / reader->slices_per_chunk);
   uint32_t image_index = place % reader->slices_per_chunk * reader->part_count + reader->part;
   image_read_rows(reader->chunk, "RGB", image_index * self->v_count, self->v_count, rgb);
-  if (reader->part == PART_HEIGHT)
-    for (size_t i = 0; i < (size_t)self->u_count * self->v_count * 3; i++)
-      rgb[i] = slf_linear_from_srgb(slf_code_from_height(rgb[i], (float)self->layers));
+  const bool heights = reader->part == PART_HEIGHT;
+  for (size_t i = 0; reader->part >= PART_HEIGHT && i < (size_t)self->u_count * self->v_count * 3;
+       i++)
+    rgb[i] = slf_linear_from_srgb(heights ? slf_code_from_height(rgb[i], (float)self->layers)
+                                          : code_from_coverage(rgb[i]));
   if (!reader->varies) watch_variation(reader, rgb);
   return SLF_OK;
 }
@@ -130,8 +138,7 @@ static void write_geometry(const surface *self) {
 
 static void report_holes(const char *folder, const surface *self, uint32_t asked_rays) {
   uint32_t hole_count;
-  free(cover_sources(folder, self, surface_table_rays(self, asked_rays),
-                     surface_rays(self, asked_rays), &hole_count));
+  free(cover_sources(folder, self, asked_rays, surface_rays(self, asked_rays), &hole_count));
   if (hole_count)
     fprintf(stderr,
             "bake: surface '%s': %u of %u texels have no surface behind them: filled from their "
@@ -139,13 +146,16 @@ static void report_holes(const char *folder, const surface *self, uint32_t asked
             self->name, hole_count, self->u_count * self->v_count);
 }
 
-static void write_layer(const char *folder, const surface *self, uint32_t rays, slf_role role) {
+static void write_layer(const char *folder, const surface *self, uint32_t asked_rays,
+                        slf_role role) {
   slf_error error;
+  const uint32_t rays = surface_rays(self, asked_rays);
+  const uint32_t part_count = PART_COVERAGE + surface_has_coverage(self, asked_rays);
   slice_reader reader = role == SLF_ROLE_FULL
                             ? open_slices(folder, self, rays, 0, 1)
-                            : open_slices(folder, self, rays, role - SLF_ROLE_OWN, PART_COUNT);
+                            : open_slices(folder, self, rays, role - SLF_ROLE_OWN, part_count);
   slf_source source = {.read_slice = read_slice, .context = &reader};
-  bool hdr = self->hdr && role != SLF_ROLE_HEIGHT;
+  bool hdr = self->hdr && role < SLF_ROLE_HEIGHT;
   slf_layer_options options = {.role = role,
                                .curve = hdr ? SLF_CURVE_DWA : SLF_CURVE_SRGB,
                                .angular = SLF_ANGULAR_LAYERED,
@@ -199,16 +209,15 @@ int main(int argc, char **argv) {
   slf_writer_set_background(writer, whole->background);
   if (argc == 5) write_views(argv[3]);
   for (uint32_t i = 0; i < whole->surface_count; i++) {
-    uint32_t rays = surface_rays(&whole->surfaces[i], asked_rays);
-    write_geometry(&whole->surfaces[i]);
-    report_holes(folder, &whole->surfaces[i], asked_rays);
-    if (!surface_has_layers(&whole->surfaces[i])) {
-      write_layer(folder, &whole->surfaces[i], rays, SLF_ROLE_FULL);
-      continue;
-    }
-    write_layer(folder, &whole->surfaces[i], rays, SLF_ROLE_OWN);
-    write_layer(folder, &whole->surfaces[i], rays, SLF_ROLE_REFLECTED);
-    write_layer(folder, &whole->surfaces[i], rays, SLF_ROLE_HEIGHT);
+    const surface *self = &whole->surfaces[i];
+    write_geometry(self);
+    report_holes(folder, self, asked_rays);
+    const bool layers = surface_has_layers(self);
+    const slf_role last =
+        surface_has_coverage(self, asked_rays) ? SLF_ROLE_COVERAGE : SLF_ROLE_HEIGHT;
+    for (slf_role role = layers ? SLF_ROLE_OWN : SLF_ROLE_FULL;
+         role <= (layers ? last : SLF_ROLE_FULL); role++)
+      write_layer(folder, self, asked_rays, role);
   }
   slf_result finished = slf_writer_finish(writer, &error);
   writer = NULL; /* freed either way */

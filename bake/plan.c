@@ -128,7 +128,7 @@ int main(int argc, char **argv) {
     const surface *self = &whole->surfaces[i];
     if (!strcmp(argv[1], "surfaces")) {
       write_surface(folder, self, text);
-      write_preparations(stdout, folder, self, surface_table_rays(self, rays));
+      write_preparations(stdout, folder, self, rays);
     } else {
       write_chunks(stdout, folder, self, surface_rays(self, rays));
     }

@@ -14,7 +14,7 @@ int main(int argc, char **argv) {
     return 2;
   }
   surface *self = surface_read(argv[1], argv[2]);
-  uint32_t rays = surface_table_rays(self, (uint32_t)atoi(argv[3]));
+  uint32_t rays = (uint32_t)atoi(argv[3]);
   row_range rows = surface_ray_rows(self, rays, (uint32_t)atoi(argv[4]));
   double uv[SAMPLE_MAX_RAYS][2];
   sample_texel_offsets(rays, uv);

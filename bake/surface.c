@@ -188,13 +188,19 @@ bool surface_has_layers(const surface *self) {
   return self->layers > 0 && self->s_count * self->t_count > 1;
 }
 
-uint32_t surface_table_rays(const surface *self, uint32_t asked) {
-  if (!(self->layers > 0) || self->layers_are_chosen) return asked;
-  return surface_has_layers(self) || self->auto_error > 0 ? 1 : asked;
+uint32_t surface_rays(const surface *self, uint32_t asked) {
+  return surface_has_layers(self) ? 1 : asked;
 }
 
-uint32_t surface_rays(const surface *self, uint32_t asked) {
-  return surface_has_layers(self) ? 1 : surface_table_rays(self, asked);
+bool surface_has_coverage(const surface *self, uint32_t asked_rays) {
+  return surface_has_layers(self) && asked_rays > 1;
+}
+
+int64_t surface_texel(const surface *self, int64_t i, int64_t j) {
+  int64_t u_count = self->u_count, v_count = self->v_count;
+  if (self->flags & SLF_SURFACE_WRAP_U) i = (i + u_count) % u_count;
+  if (self->flags & SLF_SURFACE_WRAP_V) j = (j + v_count) % v_count;
+  return i < 0 || i >= u_count || j < 0 || j >= v_count ? -1 : j * u_count + i;
 }
 
 slice *surface_slices(const surface *self, uint32_t *slice_count) {

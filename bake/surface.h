@@ -60,13 +60,16 @@ const surface *scene_find(const scene *, const char *name);
 bool surface_has_layers(const surface *);
 
 /* How many of the rays that are asked for a sample it takes: layers take one, as several that hit
- * different things have no one height. */
+ * different things have no one height. Tables (rays, cover) have all that are asked for; what takes
+ * one takes the middle one, which starts from the texel's centre (sample.h). */
 uint32_t surface_rays(const surface *, uint32_t asked);
 
-/* How many a texel its tables have (rays, cover), which are made before directions are chosen.
- * Where these are more than it takes, it takes the middle one, which starts from the texel's centre
- * (sample.h). */
-uint32_t surface_table_rays(const surface *, uint32_t asked);
+/* Whether its layers come with their coverage, which all rays that are asked for tell (outline.h).
+ */
+bool surface_has_coverage(const surface *, uint32_t asked_rays);
+
+/* The texel at (i, j), wherever the surface wraps; -1 beyond its edge. */
+int64_t surface_texel(const surface *, int64_t i, int64_t j);
 
 typedef struct {
   uint16_t s, t;

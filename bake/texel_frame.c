@@ -5,6 +5,7 @@
 #include <stdlib.h>
 
 #include "fail.h"
+#include "sample.h"
 
 float *texel_frames_read(const char *folder, const surface *self, uint32_t table_rays) {
   if (self->planar) return NULL;
@@ -25,11 +26,16 @@ static void normalise(double vector[3]) {
   for (int i = 0; i < 3; i++) vector[i] /= length;
 }
 
-static texel_frame frame_of_plane(const surface *self) {
+static texel_frame frame_of_plane(const surface *self, uint32_t rays, size_t ray) {
   const slf_vertex *vertex = &self->vertices[0];
+  double uv[SAMPLE_MAX_RAYS][2];
+  sample_texel_offsets(rays, uv);
+  const size_t texel = ray / rays;
+  const double u = ((double)(texel % self->u_count) + uv[ray % rays][0]) / self->u_count;
+  const double v = ((double)(texel / self->u_count) + uv[ray % rays][1]) / self->v_count;
   texel_frame at;
   for (int i = 0; i < 3; i++) {
-    at.position[i] = vertex->position[i];
+    at.position[i] = self->corner[i] + u * self->edge_u[i] + v * self->edge_v[i];
     at.normal[i] = vertex->normal[i];
     at.tangent_u[i] = vertex->tangent_u[i];
     at.tangent_v[i] = vertex->tangent_v[i];
@@ -38,8 +44,9 @@ static texel_frame frame_of_plane(const surface *self) {
   return at;
 }
 
-texel_frame texel_frame_of_ray(const surface *self, const float *table, size_t ray) {
-  if (self->planar) return frame_of_plane(self);
+texel_frame texel_frame_of_ray(const surface *self, const float *table, uint32_t table_rays,
+                               size_t ray) {
+  if (self->planar) return frame_of_plane(self, table_rays, ray);
   const float *values = table + ray * 12;
   texel_frame at;
   for (int axis = 0; axis < 3; axis++) {
@@ -53,12 +60,7 @@ texel_frame texel_frame_of_ray(const surface *self, const float *table, size_t r
 
 texel_frame texel_frame_of_centre(const surface *self, const float *table, uint32_t table_rays,
                                   size_t texel) {
-  texel_frame at = texel_frame_of_ray(self, table, texel * table_rays + table_rays / 2);
-  double u = ((double)(texel % self->u_count) + 0.5) / self->u_count;
-  double v = ((double)(texel / self->u_count) + 0.5) / self->v_count;
-  for (int i = 0; i < 3 && self->planar; i++)
-    at.position[i] = self->corner[i] + u * self->edge_u[i] + v * self->edge_v[i];
-  return at;
+  return texel_frame_of_ray(self, table, table_rays, texel * table_rays + table_rays / 2);
 }
 
 void texel_frame_to_scene(const texel_frame *at, const double stn[3], double direction[3]) {

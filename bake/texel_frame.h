@@ -14,9 +14,10 @@ typedef struct {
  * floats each, for the caller to free. NULL for a planar one, which needs none. */
 float *texel_frames_read(const char *folder, const surface *, uint32_t table_rays);
 
-/* Ray `ray` of such a table; of a planar surface the frame that all have, with the texel's centre.
- */
-texel_frame texel_frame_of_ray(const surface *, const float *table, size_t ray);
+/* Ray `ray` of such a table, or of a planar surface. */
+texel_frame texel_frame_of_ray(const surface *, const float *table, uint32_t table_rays,
+                               size_t ray);
+/* The middle one of a texel, from its centre. */
 texel_frame texel_frame_of_centre(const surface *, const float *table, uint32_t table_rays,
                                   size_t texel);
 

@@ -670,11 +670,11 @@ static void set_own_colours(layer_encoder *e, double covariance[3][3]) {
 }
 
 /* The paper's schemes keep JFIF's colours, so that a slice of independent blocks can leave as a
- * JPEG and the others stand beside it; heights are gray. */
+ * JPEG and the others stand beside it; heights and coverage are gray. */
 static slf_result choose_colours(layer_encoder *e, bool own, slf_error *error) {
   const slf_layer *p = &e->layer.public;
   layer_set_jfif_colours(&e->layer);
-  if (own && p->role != SLF_ROLE_HEIGHT) {
+  if (own && p->role != SLF_ROLE_HEIGHT && p->role != SLF_ROLE_COVERAGE) {
     uint32_t stride = (p->slice_count + SAMPLED_SLICES - 1) / SAMPLED_SLICES, seen = 0;
     double covariance[3][3] = {{0}};
     for (uint32_t i = 0; i < p->s_count * p->t_count; i++) {
@@ -1127,7 +1127,7 @@ static slf_result check_options(const slf_layer_options *o, const char *name, sl
                     o->height_unit, o->role);
   if (o->curve != SLF_CURVE_SRGB && o->curve != SLF_CURVE_DWA)
     return slf_fail(error, SLF_ERROR_ARGUMENT, "%s: curve %d is not known", name, (int)o->curve);
-  if (o->angular > SLF_ANGULAR_LAYERED || o->role > SLF_ROLE_HEIGHT)
+  if (o->angular > SLF_ANGULAR_LAYERED || o->role > SLF_ROLE_COVERAGE)
     return slf_fail(error, SLF_ERROR_ARGUMENT, "%s: angular %d, role %d", name, (int)o->angular,
                     (int)o->role);
   return SLF_OK;

@@ -284,7 +284,7 @@ static slf_result read_fixed(layer_reader *r, slf_error *error) {
   p->quality = get_f32(b + 20);
   p->psnr = get_f32(b + 24);
   p->height_unit = get_f32(b + 28);
-  if (b[0] > SLF_ROLE_HEIGHT || b[1] > SLF_CURVE_DWA || b[2] > SLF_ANGULAR_LAYERED || b[3] > 1 ||
+  if (b[0] > SLF_ROLE_COVERAGE || b[1] > SLF_CURVE_DWA || b[2] > SLF_ANGULAR_LAYERED || b[3] > 1 ||
       !isfinite(p->quality) || !isfinite(p->psnr) || !isfinite(p->height_unit) ||
       (b[0] == SLF_ROLE_HEIGHT ? !(p->height_unit > 0) : get_u32(b + 28) != 0))
     return slf_fail(error, SLF_ERROR_FORMAT, "%s: role %u, curve %u, angular %u", r->name, b[0],

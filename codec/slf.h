@@ -88,8 +88,16 @@ typedef enum {
   /* Not radiance: for the reflected layer before it, of which it has the directions and the shape
    * of the texels, the height over the surface's tangent plane of what each sample reflects:
    * height_unit * c / (256 - c) scene units for the stored code c. */
-  SLF_ROLE_HEIGHT = 3
+  SLF_ROLE_HEIGHT = 3,
+  /* Gray: how much of each texel shows something else than what its height is of. Of code
+   * SLF_COVERED_BY_NONE + k, k / 127 of it lower things; of SLF_COVERED_BY_NONE - k, higher ones.
+   */
+  SLF_ROLE_COVERAGE = 4
 } slf_role;
+
+#define SLF_COVERED_BY_NONE 128
+/* Heights whose codes are further apart than this are taken to be of two things. */
+#define SLF_THING_CODES 12
 
 /* How radiance is stored. */
 typedef enum {

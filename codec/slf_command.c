@@ -65,7 +65,7 @@ static int wrong_usage(const char *what, const char *word) {
 /* ---- info ---------------------------------------------------------------------------------- */
 
 static const char *layer_role(const slf_layer *layer) {
-  static const char *names[] = {"full", "own", "reflected", "height"};
+  static const char *names[] = {"full", "own", "reflected", "height", "coverage"};
   return names[layer->role];
 }
 

@@ -34,6 +34,7 @@ typedef float f8 __attribute__((vector_size(32)));
 typedef int32_t i8 __attribute__((vector_size(32))); /* numbers, or masks of -1 and 0 */
 typedef uint16_t u16 __attribute__((vector_size(16)));
 typedef uint16_t w16 __attribute__((vector_size(32)));
+typedef uint8_t b32 __attribute__((vector_size(32)));
 typedef int8_t c8 __attribute__((vector_size(8)));
 
 /* ---- Eight numbers -----------------------------------------------------------------------------
@@ -1581,27 +1582,54 @@ typedef struct {
   reading at[4];
   i8 weights[4];
   f8 say[4];
-  f8 seen, passed; /* sums of weights, of texels that see it and of those that see past it */
+  f8 seen, passed; /* sums of weights, of texels that see it and of those that see past it, */
+  f8 covered;      /* and of as much of either as it covers */
   f8 moved;        /* mean of the codes seen less those expected */
 } front;
+
+/* Four coverages (slf.h), of a texel, its right neighbour and the two below, in a number. */
+INLINE i8 coverages_at(const depth_field *field, const sight *s, const reading *r) {
+  const uint8_t *bytes = field->pages.bytes + field->pages.coverage_offset;
+  i8 four;
+  for (int l = 0; l < LANES; l++) {
+    const uint8_t *upper = bytes + 3 * (size_t)(uint32_t)s->texel[l] + (uint32_t)r->texel[l];
+    const uint8_t *below = upper + PAGE_ROW_TEXELS;
+    const uint32_t codes =
+        upper[0] | (uint32_t)upper[1] << 8 | (uint32_t)below[0] << 16 | (uint32_t)below[1] << 24;
+    four[l] = (int32_t)codes;
+  }
+  return four;
+}
+
+/* How much of each texel the thing covers, of SLF_COVERED_BY_NONE: of those near its height all but
+ * what shows higher things, of those further away what shows lower ones. */
+INLINE i8 covered_by(i8 coverages, i8 near, i8 far) {
+  const b32 codes = (b32)coverages;
+  const b32 is_over = (b32)(codes > SLF_COVERED_BY_NONE);
+  const b32 of_near = (codes & ~is_over) | (SLF_COVERED_BY_NONE & is_over);
+  const b32 of_far = (codes - SLF_COVERED_BY_NONE) & is_over;
+  return ((i8)of_near & near) | ((i8)of_far & far);
+}
 
 /* What hides the thing from a slice has no say. */
 static void look_for(depth_field *field, const bundle *b, const sight s[4], const f8 *code,
                      front *v) {
   f8 expected[4];
-  v->seen = v->passed = v->moved = all(0);
+  v->seen = v->passed = v->covered = v->moved = all(0);
   see(field, b, s, 4, *code, expected, v->at);
   for (int k = 0; k < 4; k++) {
     const f8 edge = all(0.5f * EDGE_CODES);
     const i8 codes = codes_at(field, &v->at[k]), weights = four_weights(&v->at[k]);
-    const i8 far =
-        bytes_from(codes, to_int(smaller(expected[k] + edge + 1.0f, all(255)))) & weights;
-    const i8 near = bytes_from(codes, to_int(larger(expected[k] - edge, all(0)))) & weights & ~far;
+    const i8 low = to_int(larger(expected[k] - edge, all(0)));
+    const i8 past = bytes_from(codes, to_int(smaller(expected[k] + edge + 1.0f, all(255))));
+    const i8 seeing = bytes_from(codes, low) & ~past, near = seeing & weights;
     const f8 sum = sum_of_four(near);
     v->weights[k] = near;
     v->say[k] = choose(v->at[k].inside, s[k].weight, all(0));
+    const i8 parts = covered_by(coverages_at(field, &s[k], &v->at[k]), seeing, past);
     v->seen += v->say[k] * sum;
-    v->passed += v->say[k] * sum_of_four(far);
+    v->passed += v->say[k] * sum_of_four(past & weights);
+    v->covered += v->say[k] * to_float(weigh(parts, weights));
     v->moved += v->say[k] * (to_float(weigh(codes, near)) - sum * expected[k]);
   }
   v->moved /= larger(v->seen, all(1e-3f));
@@ -1627,7 +1655,7 @@ static uint64_t cover(depth_field *field, depth_rays *rays, const depth_guess *g
   front v;
   look_around(field, rays, guess->texels, &b, s);
   look_for(field, &b, s, &code, &v);
-  const f8 share = v.seen / larger(v.seen + v.passed, all(1e-3f));
+  const f8 share = v.covered / (SLF_COVERED_BY_NONE * larger(v.seen + v.passed, all(1e-3f)));
   f8 coverage = smaller(larger((share - 0.5f) * SHARPEN + 0.5f, all(0)), all(1));
   coverage = choose(v.seen * (float)MOST_TIMES < all(ACROSS), all(0), coverage);
   unsigned mask = mask_bits(coverage > all(LEAST_COVERAGE)) & ((1u << guess->count) - 1);
@@ -1644,7 +1672,7 @@ static uint64_t cover(depth_field *field, depth_rays *rays, const depth_guess *g
     if (whole)
       rays->code[k] = codes[l], rays->score[k] = scores[l], wholly |= 1ull << k;
     else
-      rays->coverage[k] = coverages[l], *partly |= 1ull << k;
+      rays->coverage[k] = coverages[l], rays->front_code[k] = codes[l], *partly |= 1ull << k;
   }
   return wholly;
 }
@@ -1685,22 +1713,40 @@ static uint64_t find_kind(const uint8_t kinds[64], uint8_t kind) {
   return found;
 }
 
-/* The codes of a row and of what lies beside it. */
-INLINE i8 lowest_beside(i8 row, int32_t left, int32_t right, i8 above, i8 below) {
+/* A row of numbers one to the left and one to the right, what lies beyond its ends given. */
+INLINE void shift_row(i8 row, int32_t left, int32_t right, i8 *before, i8 *after) {
   const i8 ends = {left, right};
-  i8 before = __builtin_shufflevector(row, ends, 8, 0, 1, 2, 3, 4, 5, 6);
-  i8 after = __builtin_shufflevector(row, ends, 1, 2, 3, 4, 5, 6, 7, 9);
-  return lower(lower(before, after), lower(above, below));
+  *before = __builtin_shufflevector(row, ends, 8, 0, 1, 2, 3, 4, 5, 6);
+  *after = __builtin_shufflevector(row, ends, 1, 2, 3, 4, 5, 6, 7, 9);
+}
+
+/* The lowest of the codes of a row and of those beside it. */
+INLINE i8 lowest_beside(i8 row, int32_t left, int32_t right, i8 above_and_below) {
+  i8 before, after;
+  shift_row(row, left, right, &before, &after);
+  return lower(lower(row, above_and_below), lower(before, after));
+}
+
+/* The highest of the codes beside those of a row, 0 without any. */
+INLINE i8 highest_beside(i8 row, int32_t left, int32_t right, i8 above, i8 below) {
+  const i8 none = all_int(NO_CODE);
+  i8 before, after;
+  shift_row(row, left, right, &before, &after);
+  before &= before != none, after &= after != none;
+  above &= above != none, below &= below != none;
+  return higher(higher(before, after), higher(above, below));
 }
 
 static uint64_t find_steady(const depth_memory *last, const depth_rim *const around[4],
-                            uint16_t lowest[64], uint64_t *beside_lower) {
+                            depth_outline *beside) {
   const i8 none = all_int(NO_CODE);
-  i8 codes[10];
+  i8 codes[10], lows[10];
   uint64_t served = 0, certain = 0;
-  *beside_lower = 0;
+  beside->lower = beside->higher = 0;
   codes[0] = load_u16(around[RIM_ABOVE]->codes[RIM_BELOW]);
   codes[9] = load_u16(around[RIM_BELOW]->codes[RIM_ABOVE]);
+  lows[0] = load_u16(around[RIM_ABOVE]->lowest[RIM_BELOW]);
+  lows[9] = load_u16(around[RIM_BELOW]->lowest[RIM_ABOVE]);
   for (int row = 0; row < 8; row++) {
     const i8 kind = load_c8(last->kind + 8 * row), near = kind == SEEN_NEAR;
     const i8 known = near | (kind == SEEN_WIDE);
@@ -1708,21 +1754,29 @@ static uint64_t find_steady(const depth_memory *last, const depth_rim *const aro
                << 8 * row;
     served |= (uint64_t)mask_bits(near) << 8 * row;
     codes[row + 1] = (load_u16(last->code + 8 * row) & known) | (none & ~known);
+    lows[row + 1] = lower(codes[row + 1], load_u16(last->front + 8 * row));
   }
   for (int row = 0; row < 8; row++) {
-    const i8 beside =
-        lowest_beside(codes[row + 1], around[RIM_LEFT]->codes[RIM_RIGHT][row],
-                      around[RIM_RIGHT]->codes[RIM_LEFT][row], codes[row], codes[row + 2]);
+    const i8 lowest =
+        lowest_beside(lows[row + 1], around[RIM_LEFT]->lowest[RIM_RIGHT][row],
+                      around[RIM_RIGHT]->lowest[RIM_LEFT][row], lower(lows[row], lows[row + 2]));
+    const i8 highest =
+        highest_beside(codes[row + 1], around[RIM_LEFT]->codes[RIM_RIGHT][row],
+                       around[RIM_RIGHT]->codes[RIM_LEFT][row], codes[row], codes[row + 2]);
     const i8 known = codes[row + 1] != none;
-    const i8 hidden = known & (beside < codes[row + 1] - 256 * EDGE_CODES);
-    store_u16(lowest + 8 * row, beside);
-    *beside_lower |= (uint64_t)mask_bits(hidden) << 8 * row;
+    const i8 own = choose_int(known, codes[row + 1], highest);
+    const i8 hidden = lowest < own - 256 * EDGE_CODES;
+    const i8 hiding = known & (highest > codes[row + 1] + 256 * EDGE_CODES);
+    store_u16(beside->lowest + 8 * row, lowest), store_u16(beside->highest + 8 * row, highest);
+    beside->lower |= (uint64_t)mask_bits(hidden) << 8 * row;
+    beside->higher |= (uint64_t)mask_bits(hiding) << 8 * row;
   }
   return served & certain;
 }
 
 static void remember(const depth_rays *rays, const uint8_t kinds[64], uint64_t mask,
-                     depth_memory *now, depth_rim *rim) {
+                     uint64_t partly, depth_memory *now, depth_rim *rim) {
+  const i8 none = all_int(NO_CODE);
   for (int row = 0; row < 64; row += LANES) {
     i8 made = lanes_of((unsigned)(mask >> row & 0xff));
     i8 code = to_int(256.0f * larger(load(rays->code + row), all(0)));
@@ -1733,12 +1787,23 @@ static void remember(const depth_rays *rays, const uint8_t kinds[64], uint64_t m
     store_u16(now->code + row, code);
     store_c8(now->score + row, (score & made) | (load_c8(now->score + row) & ~made));
     store_c8(now->kind + row, kind);
+    i8 covers = load_u16(now->front + row) | made; /* NO_CODE */
+    if (partly >> row & 0xff) {
+      const i8 covered = lanes_of((unsigned)(partly >> row & 0xff));
+      covers = (to_int(256.0f * load(rays->front_code + row)) & covered) | (covers & ~covered);
+    }
+    covers &= none;
+    store_u16(now->front + row, covers);
     const i8 known = (kind == SEEN_NEAR) | (kind == SEEN_WIDE);
-    const i8 shown = (code & known) | (all_int(NO_CODE) & ~known);
+    const i8 shown = (code & known) | (none & ~known), lowest = lower(shown, covers);
     rim->codes[RIM_LEFT][row / 8] = (uint16_t)shown[0];
     rim->codes[RIM_RIGHT][row / 8] = (uint16_t)shown[7];
-    if (row == 0) store_u16(rim->codes[RIM_ABOVE], shown);
-    if (row == 56) store_u16(rim->codes[RIM_BELOW], shown);
+    rim->lowest[RIM_LEFT][row / 8] = (uint16_t)lowest[0];
+    rim->lowest[RIM_RIGHT][row / 8] = (uint16_t)lowest[7];
+    if (row == 0)
+      store_u16(rim->codes[RIM_ABOVE], shown), store_u16(rim->lowest[RIM_ABOVE], lowest);
+    if (row == 56)
+      store_u16(rim->codes[RIM_BELOW], shown), store_u16(rim->lowest[RIM_BELOW], lowest);
   }
 }
 

@@ -38,9 +38,10 @@ typedef struct {
   float met[64][4];   /* code at which the ray, where it was followed, and each of the four slices
                          around met, below 0 for not */
   uint16_t rgba[64][4]; /* linear, as half floats; A = 1 */
-  /* Of what covers texels in part: its light, as much of it, and how much. */
+  /* Of what covers texels in part: its light, as much of it, how much, and the code of its height.
+   */
   uint16_t front[64][4];
-  float coverage[64];
+  float coverage[64], front_code[64];
 } depth_rays;
 
 /* How a texel was mixed. */
@@ -51,19 +52,31 @@ enum {
   SEEN_NOT      /* by none */
 };
 
+enum { NO_CODE = UINT16_MAX };
+
 /* What was found for a block's texels. */
 typedef struct {
-  uint16_t code[64]; /* of the height, in 1/256 */
-  int8_t score[64];  /* in 1/100 */
+  uint16_t code[64];  /* of the height, in 1/256 */
+  uint16_t front[64]; /* of what covers it in part; NO_CODE for nothing */
+  int8_t score[64];   /* in 1/100 */
   uint8_t kind[64];
 } depth_memory;
 
 /* Of a block, which its neighbours ask for. */
-enum { NO_CODE = UINT16_MAX };
 typedef enum { RIM_LEFT, RIM_RIGHT, RIM_ABOVE, RIM_BELOW } rim_side;
 typedef struct {
-  uint16_t codes[4][8]; /* of the texels along each side; NO_CODE where no slice served them */
+  /* Of the texels along each side; NO_CODE where no slice served them. The latter are those of what
+   * covers texels in part, where something does. */
+  uint16_t codes[4][8], lowest[4][8];
 } depth_rim;
+
+/* Texels beside which, in their block or the next ones, something lower was found than for them, or
+ * something higher, and codes of that: the lowest of each texel's own and its neighbours', with
+ * what covers those in part, and the highest of its neighbours'. */
+typedef struct {
+  uint64_t lower, higher;
+  uint16_t lowest[64], highest[64];
+} depth_outline;
 
 /* Up to eight guesses of texels' heights: codes to begin with, and the scores for which what is
  * found is taken. The first of several for a texel that is good counts. Lanes beyond `count` repeat
@@ -81,10 +94,9 @@ typedef struct {
   /* The rays of block (block_u, block_v) for its directions. */
   void (*place)(const depth_field *field, uint32_t block_u, uint32_t block_v,
                 const block_directions *directions, depth_rays *rays);
-  /* The texels whose height most of the slices around knew; the lowest of each texel's neighbours'
-   * codes, and the texels beside which that is of another thing. */
+  /* The texels whose height most of the slices around knew, and what lies beside texels. */
   uint64_t (*find_steady)(const depth_memory *last, const depth_rim *const around[4],
-                          uint16_t lowest[64], uint64_t *beside_lower);
+                          depth_outline *beside);
   /* The texels of that kind. */
   uint64_t (*find_kind)(const uint8_t kinds[64], uint8_t kind);
   /* Mixes those of the texels for whose height there is good evidence among the four slices around;
@@ -113,8 +125,8 @@ typedef struct {
                     uint64_t *partly);
   /* and lays it over what they were mixed from. */
   void (*lay_over)(depth_rays *rays, uint64_t texels);
-  /* Keeps what was found for the texels of the mask. */
-  void (*remember)(const depth_rays *rays, const uint8_t kinds[64], uint64_t mask,
+  /* Keeps what was found for the texels of the mask, of which some are covered in part. */
+  void (*remember)(const depth_rays *rays, const uint8_t kinds[64], uint64_t mask, uint64_t partly,
                    depth_memory *now, depth_rim *rim);
 } depth_kernel;
 
@@ -124,7 +136,7 @@ extern const depth_kernel depth_kernel_plain, depth_kernel_avx2, depth_kernel_pl
 
 /* Thresholds, of all mixing by depth: see depth_mix.c. */
 enum {
-  EDGE_CODES = 12,      /* heights further apart are of two things */
+  EDGE_CODES = SLF_THING_CODES,
   STEP_TEXELS = 2,      /* that a ray is followed through a slice by, */
   MAX_STEPS = 48,       /* so many times, */
   MAX_HIDDEN_STEPS = 2, /* so many of them one after the other behind what the slice sees */

@@ -294,20 +294,61 @@ static void use_slices(const depth_pages *p, const depth_rays *rays) {
   }
 }
 
-/* Mixes those that something in front covers wholly; returns them. */
+/* Mixes those that things at heights of those codes cover wholly; returns them. */
 static uint64_t mix_covered(depth_mixer *m, depth_rays *rays, uint64_t texels,
-                            const uint16_t lowest[64], uint64_t *partly) {
+                            const uint16_t codes[64], uint64_t *partly) {
   uint64_t mixed = 0;
   while (texels) {
     depth_guess g = {.count = 0};
     for (; texels && g.count < LANES; texels &= texels - 1) {
       const uint32_t k = (uint32_t)__builtin_ctzll(texels);
-      add_guess(&g, k, (float)lowest[k] / 256, 0);
+      add_guess(&g, k, (float)codes[k] / 256, 0);
     }
     repeat_first(&g);
     mixed |= m->kernel->cover(&m->field, rays, &g, partly);
   }
   return mixed;
+}
+
+/* Texels that show a thing beside something higher, and the codes of its height. */
+static uint64_t find_front(const depth_rays *rays, const depth_outline *beside,
+                           const uint8_t kinds[64], uint16_t codes[64]) {
+  uint64_t found = 0;
+  for (uint64_t left = beside->higher; left; left &= left - 1) {
+    const uint32_t k = (uint32_t)__builtin_ctzll(left);
+    codes[k] = (uint16_t)(256 * rays->code[k]);
+    if (kinds[k] != SEEN_NOT && codes[k] + 256 * EDGE_CODES < beside->highest[k])
+      found |= 1ull << k;
+  }
+  return found;
+}
+
+/* What shows a thing at its edge is covered by it in part only: mixes what is behind, where slices
+ * see that; and so what lies beside the thing and no slice served. */
+static void mix_behind(depth_mixer *m, depth_rays *rays, const depth_outline *beside,
+                       uint8_t kinds[64], uint64_t *partly) {
+  uint16_t codes[64];
+  const uint64_t unseen = beside->lower & m->kernel->find_kind(kinds, SEEN_NOT);
+  uint64_t front = find_front(rays, beside, kinds, codes), mixed = 0;
+  if (front) front &= ~mix_covered(m, rays, front, codes, partly);
+  for (uint64_t left = front | unseen; left;) {
+    depth_guess g = {.count = 0};
+    for (; left && g.count < LANES; left &= left - 1) {
+      const uint32_t k = (uint32_t)__builtin_ctzll(left);
+      add_guess(&g, k, (float)beside->highest[k] / 256, LEAST_NEAR);
+    }
+    repeat_first(&g);
+    mixed |= m->kernel->mix(&m->field, rays, &g);
+  }
+  for (uint64_t left = mixed; left; left &= left - 1) kinds[__builtin_ctzll(left)] = SEEN_NEAR;
+  for (uint64_t left = (front | unseen) & ~mixed; left; left &= left - 1) {
+    const uint32_t k = (uint32_t)__builtin_ctzll(left);
+    if (!m->kernel->mix_wide(&m->field, rays, k, (float)beside->highest[k] / 256, LEAST_WIDE))
+      continue;
+    kinds[k] = SEEN_WIDE;
+    mixed |= 1ull << k;
+  }
+  *partly &= ~front | mixed;
 }
 
 /* The rims of the blocks around, before this frame. */
@@ -331,28 +372,30 @@ static bool mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
   const patience p = recall(m, block, &last);
   const memories known = {&last, m->kernel->find_kind(last.kind, SEEN_NEAR),
                           m->kernel->find_kind(last.kind, SEEN_UNKNOWN)};
-  uint16_t lowest[64];
+  depth_outline beside;
   const depth_rim *around[4];
   find_rims(m, block_u, block_v, around);
-  uint64_t partly = 0, beside_lower;
-  uint64_t steady = m->kernel->find_steady(&last, around, lowest, &beside_lower) & directions->mask;
+  uint64_t partly = 0;
+  uint64_t steady = m->kernel->find_steady(&last, around, &beside) & directions->mask;
   memset(kinds, SEEN_NEAR, sizeof kinds);
   m->kernel->place(&m->field, block_u, block_v, directions, &rays);
   use_slices(&m->field.pages, &rays);
   uint64_t foretold = m->kernel->mix_steady(&m->field, &rays, &last, steady);
-  beside_lower &= directions->mask;
-  if (beside_lower) foretold |= mix_covered(m, &rays, beside_lower, lowest, &partly);
+  beside.lower &= directions->mask;
+  if (beside.lower) foretold |= mix_covered(m, &rays, beside.lower, beside.lowest, &partly);
   if (m->field.missed) return false;
   if (directions->mask & ~foretold)
     foretold |= mix_rest(m, &rays, directions->mask & ~foretold, &known, p, kinds);
+  beside.higher &= directions->mask & ~partly;
+  if (beside.higher | beside.lower) mix_behind(m, &rays, &beside, kinds, &partly);
   if (m->field.missed) return false;
-  if (partly) m->kernel->lay_over(&rays, partly & ~m->kernel->find_kind(kinds, SEEN_NOT));
+  if (partly) m->kernel->lay_over(&rays, partly);
   for (uint64_t left = ~directions->mask; left; left &= left - 1)
     memset(rays.rgba[__builtin_ctzll(left)], 0, sizeof *rays.rgba);
   count_texels(&m->counts[block_v], directions->mask, foretold, kinds);
   m->visits[block]++;
   m->last[block] = last;
-  m->kernel->remember(&rays, kinds, directions->mask, &m->last[block], &m->rims[block]);
+  m->kernel->remember(&rays, kinds, directions->mask, partly, &m->last[block], &m->rims[block]);
   for (int row = 0; row < 8; row++)
     memcpy((uint8_t *)out + (size_t)row * row_nbytes, rays.rgba[8 * row], 8 * sizeof *rays.rgba);
   return true;
@@ -405,15 +448,15 @@ static float (*find_slopes(const depth_pages *p, const float scale[4], const slf
   return slopes;
 }
 
-depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
-                                const slf_layer *height, block_source heights,
-                                const slf_surface *surface, uint32_t u_count, uint32_t v_count) {
+depth_mixer *depth_mixer_create(const depth_sources *sources, const slf_surface *surface,
+                                uint32_t u_count, uint32_t v_count) {
+  const slf_layer *reflected = sources->light.layer;
   depth_mixer *m = calloc(1, sizeof *m);
   if (!m) return NULL;
   depth_field *f = &m->field;
   f->texel_u = (float)reflected->u_count / (float)u_count;
   f->texel_v = (float)reflected->v_count / (float)v_count;
-  f->unit = height->height_unit;
+  f->unit = sources->heights.layer->height_unit;
   bool wrap_u = surface->flags & SLF_SURFACE_WRAP_U;
   bool flat = flat_texel_scale(&surface->mesh, reflected->u_count, reflected->v_count, f->scale);
   if (!flat) {
@@ -429,7 +472,7 @@ depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
   m->counts = calloc(m->block_v_count, sizeof *m->counts);
   bool is_slab = flat && surface->slab.thickness > 0;
   f->slab = surface->slab;
-  if (depth_pages_create(&f->pages, reflected, light, height, heights)) {
+  if (depth_pages_create(&f->pages, sources)) {
     f->slopes = find_slopes(&f->pages, f->scale, NULL);
     if (is_slab) f->through = find_slopes(&f->pages, f->scale, &f->slab);
   }
@@ -438,7 +481,9 @@ depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
     depth_mixer_free(m);
     return NULL;
   }
-  memset(m->rims, 0xff, block_count * sizeof *m->rims); /* NO_CODE */
+  for (size_t block = 0; block < block_count; block++)
+    memset(m->last[block].front, 0xff, sizeof m->last->front); /* NO_CODE */
+  memset(m->rims, 0xff, block_count * sizeof *m->rims);        /* NO_CODE */
   memset(m->last_rims, 0xff, (block_count + 1) * sizeof *m->rims);
   f->pages.wrap_u = wrap_u && !flat;
   depth_mixer_use_kernel(m, RESAMPLE_BEST);

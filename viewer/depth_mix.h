@@ -7,8 +7,8 @@
  * if nothing in between hides it, and then its own height there is h. What the slices around (S,T)
  * say of h is weighed against each other: a slice that sees something lower is merely hidden and
  * has no say; one that looks further, through the point, proves that the point is not there. At an
- * outline texels of slices do the one and the other, and their shares say how much of the texel the
- * thing covers.
+ * outline texels of slices do the one and the other, or in part, where the file knows their
+ * coverage, and their shares say how much of the texel the thing covers.
  *
  * Behind a slab (slf.h) h begins at its far side, and what rays pass in between counts as their
  * way through it: p_i = p + h (q_i - q) + w_i - w, w = thickness (s, t) / sqrt(ior^2 - s^2 - t^2).
@@ -17,8 +17,8 @@
 #ifndef DEPTH_MIX_H
 #define DEPTH_MIX_H
 
+#include "depth_pages.h"
 #include "resample.h"
-#include "slf.h"
 
 typedef struct depth_mixer depth_mixer;
 
@@ -26,13 +26,12 @@ typedef struct depth_mixer depth_mixer;
  * surface that is flat and whose P(U,V) is affine; false for any other. */
 bool flat_texel_scale(const slf_mesh *mesh, uint32_t u_count, uint32_t v_count, float scale[4]);
 
-/* For a layer of reflected radiance, its heights, and their blocks' sources, which must outlive it,
- * and must always give the same. The surface need not. It mixes u_count
- * x v_count texels: more than the layer has are worth it, because neighbours read it further apart
- * than its texels are, 1 + h / e times for an eye e above the surface. NULL if memory ran out. */
-depth_mixer *depth_mixer_create(const slf_layer *reflected, block_source light,
-                                const slf_layer *height, block_source heights,
-                                const slf_surface *surface, uint32_t u_count, uint32_t v_count);
+/* The sources must outlive it, and must always give the same. Layers and surface need not. It mixes
+ * u_count x v_count texels: more than the layer has are worth it, because neighbours read it
+ * further apart than its texels are, 1 + h / e times for an eye e above the surface. NULL if memory
+ * ran out. */
+depth_mixer *depth_mixer_create(const depth_sources *sources, const slf_surface *surface,
+                                uint32_t u_count, uint32_t v_count);
 void depth_mixer_free(depth_mixer *m); /* accepts NULL */
 
 /* Before each frame: what is not read for many of them makes room for other things, and what a

@@ -19,9 +19,12 @@ static uint64_t spread_slices(uint64_t nbytes) {
   return ((nbytes + of_system - 1) / of_system | 1) * of_system;
 }
 
+static uint64_t block_count_of(const slf_layer *light) {
+  return (uint64_t)((light->u_count + 7) / 8) * ((light->v_count + 7) / 8);
+}
+
 static uint64_t slice_nbytes_of(const slf_layer *light) {
-  const uint64_t block_count = (uint64_t)((light->u_count + 7) / 8) * ((light->v_count + 7) / 8);
-  return spread_slices(block_count * PAGE_NBYTES);
+  return spread_slices(block_count_of(light) * PAGE_WITH_COVERAGE_NBYTES);
 }
 
 static uint32_t slice_count_of(const slf_layer *light) {
@@ -32,8 +35,8 @@ bool depth_pages_fit(const slf_layer *light) {
   return slice_count_of(light) * (slice_nbytes_of(light) / 4) < INT32_MAX;
 }
 
-bool depth_pages_create(depth_pages *p, const slf_layer *light, block_source light_source,
-                        const slf_layer *heights, block_source heights_source) {
+bool depth_pages_create(depth_pages *p, const depth_sources *sources) {
+  const slf_layer *light = sources->light.layer, *heights = sources->heights.layer;
   *p = (depth_pages){.u_count = light->u_count,
                      .v_count = light->v_count,
                      .block_u_count = (light->u_count + 7) / 8,
@@ -42,14 +45,16 @@ bool depth_pages_create(depth_pages *p, const slf_layer *light, block_source lig
                      .height_v_count = heights->v_count,
                      .s_count = light->s_count,
                      .t_count = light->t_count,
-                     .light = light_source,
-                     .heights = heights_source};
+                     .light = sources->light.blocks,
+                     .heights = sources->heights.blocks,
+                     .coverage = sources->coverage.blocks};
   for (int code = 0; code < 256; code++)
     p->root[code] = (uint8_t)(255 * sqrtf(slf_linear_from_srgb((uint8_t)code)) + 0.5f);
   p->most_pages = MOST_PAGES;
   p->slice_count = slice_count_of(light);
   const uint64_t slice_nbytes = slice_nbytes_of(light);
   p->slice_texels = (uint32_t)(slice_nbytes / 4);
+  p->coverage_offset = (uint32_t)(block_count_of(light) * PAGE_NBYTES);
   p->slices = calloc(p->slice_count, sizeof *p->slices);
   if (!p->slices) return false;
   p->nbytes = (size_t)(p->slice_count * slice_nbytes);
@@ -108,11 +113,11 @@ static void fetch_texels(block_source source, slice_index slice, uint32_t block_
   }
 }
 
-/* The same of heights that have fewer texels than the light. */
-static void fetch_heights(const depth_pages *p, slice_index slice, uint32_t block_u,
-                          uint32_t block_v, uint8_t texels[9][9][4]) {
+/* The same of heights, or of their coverage, which may have fewer texels than the light. */
+static void fetch_heights(const depth_pages *p, block_source source, slice_index slice,
+                          uint32_t block_u, uint32_t block_v, uint8_t texels[9][9][4]) {
   if (p->height_u_count == p->u_count && p->height_v_count == p->v_count) {
-    fetch_texels(p->heights, slice, block_u, block_v, p->u_count, p->v_count, texels);
+    fetch_texels(source, slice, block_u, block_v, p->u_count, p->v_count, texels);
     return;
   }
   uint8_t u_block[SLF_BLOCK_NBYTES];
@@ -124,26 +129,31 @@ static void fetch_heights(const depth_pages *p, slice_index slice, uint32_t bloc
       uint32_t i = (uint32_t)((2 * u + 1) * p->height_u_count / (2 * p->u_count));
       uint32_t j = (uint32_t)((2 * v + 1) * p->height_v_count / (2 * p->v_count));
       if (i / 8 != at_u || j / 8 != at_v)
-        fetch_block(p->heights, slice, at_u = i / 8, at_v = j / 8, u_block);
+        fetch_block(source, slice, at_u = i / 8, at_v = j / 8, u_block);
       memcpy(texels[y][x], u_block + (j % 8 * 8 + i % 8) * 4, 4);
     }
 }
 
 void depth_pages_load(depth_pages *p, uint32_t texel) {
   const uint32_t number = texel / p->slice_texels, block = texel % p->slice_texels / PAGE_TEXELS;
-  uint8_t *page = p->bytes + 4 * ((size_t)number * p->slice_texels + block * PAGE_TEXELS);
+  uint8_t *slice = p->bytes + 4 * (size_t)number * p->slice_texels;
+  uint8_t *page = slice + block * PAGE_NBYTES;
+  uint8_t *coverage = slice + p->coverage_offset + block * PAGE_TEXELS;
   if (page[3]) return;
-  uint8_t light[9][9][4], heights[9][9][4];
+  uint8_t light[9][9][4], heights[9][9][4], coverages[9][9][4];
   const slice_index index =
       (slice_index)(number / (p->t_count + 1) << 8 | number % (p->t_count + 1));
   const uint32_t block_u = block % p->block_u_count, block_v = block / p->block_u_count;
   fetch_texels(p->light, index, block_u, block_v, p->u_count, p->v_count, light);
-  fetch_heights(p, index, block_u, block_v, heights);
+  fetch_heights(p, p->heights, index, block_u, block_v, heights);
+  memset(coverages, SLF_COVERED_BY_NONE, sizeof coverages);
+  if (p->coverage.fetch) fetch_heights(p, p->coverage, index, block_u, block_v, coverages);
   for (int y = 0; y < 9; y++)
     for (int x = 0; x < 9; x++, page += 4) {
       const uint8_t *code = light[y][x], height = heights[y][x][1];
       page[0] = p->root[code[0]], page[1] = p->root[code[1]], page[2] = p->root[code[2]];
       page[3] = height > 0 ? height : 1;
+      *coverage++ = coverages[y][x][1];
     }
   p->slices[number].page_count++, p->page_count++;
 }

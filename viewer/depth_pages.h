@@ -4,7 +4,8 @@
  * A page holds one block of one slice and the first texels of the blocks to its right and below, so
  * that a bilinear read never leaves it. Neighbouring texels of a mirror read a slice several texels
  * apart, so what a read costs is how many cache lines it touches: a texel is four bytes, and its
- * height lies beside its colour. All pages have a place in one range of addresses, so that where
+ * height lies beside its colour. Coverage, which only outlines ask for, lies behind all pages of a
+ * slice, a byte a texel. All pages have a place in one range of addresses, so that where
  * one is needs no look-up; those that are not there are zeros, which no height is, so that whether
  * one is there is seen in what was read. Slices that were not read for longest make room for
  * others. A set of pages belongs to one thread at a time, but for `used`: while nobody loads pages
@@ -21,7 +22,8 @@
 enum {
   PAGE_ROW_TEXELS = 9, /* of R G B H; 9 rows */
   PAGE_TEXELS = 81,
-  PAGE_NBYTES = 4 * PAGE_TEXELS
+  PAGE_NBYTES = 4 * PAGE_TEXELS,
+  PAGE_WITH_COVERAGE_NBYTES = 5 * PAGE_TEXELS
 };
 
 /* R, G and B are 255 times the root of the radiance: their square is linear, and their steps are
@@ -39,10 +41,11 @@ typedef struct {
   bool wrap_u;                                             /* u = 1 continues at u = 0 */
   uint32_t height_u_count, height_v_count;
   uint32_t s_count, t_count;
-  block_source light, heights;
-  uint8_t *bytes; /* of slice after slice, of block after block of each */
+  block_source light, heights, coverage; /* of the last, fetch may be NULL: there is none */
+  uint8_t *bytes;                        /* of slice after slice, of block after block of each */
   size_t nbytes;
-  uint32_t slice_texels; /* from slice to slice */
+  uint32_t slice_texels;    /* from slice to slice, in sizes of a texel's light and height */
+  uint32_t coverage_offset; /* from a slice's first byte to the coverage of its first texel */
   /* Of each slice, number s_index * (t_count + 1) + t_index: what follows the last one of a row or
    * column has a number, but does not exist. */
   depth_slice *slices;
@@ -55,10 +58,21 @@ typedef struct {
 /* Whether a light field is small enough: addresses in it are of 31 bits. */
 bool depth_pages_fit(const slf_layer *light);
 
-/* The sources must outlive the pages and always give the same. The heights may have fewer texels.
- * The light fits. False if memory ran out. */
-bool depth_pages_create(depth_pages *p, const slf_layer *light, block_source light_source,
-                        const slf_layer *heights, block_source heights_source);
+/* A layer of a surface, and where its blocks come from. */
+typedef struct {
+  const slf_layer *layer; /* NULL: there is none */
+  block_source blocks;
+} depth_source;
+
+/* What is mixed by depth: reflected light, its heights, which may have fewer texels, and how much
+ * of each of those what is lower covers, as many of them; that may be missing. */
+typedef struct {
+  depth_source light, heights, coverage;
+} depth_sources;
+
+/* The sources must outlive the pages and always give the same; the layers need not. The light fits.
+ * False if memory ran out. */
+bool depth_pages_create(depth_pages *p, const depth_sources *sources);
 void depth_pages_free(depth_pages *p);
 
 /* Brings the page that a texel, counted from the first one of all, belongs to, unless it is

@@ -260,13 +260,26 @@ static slf_result create_water(drawing *d, uint32_t index, uint32_t cells, slf_e
                       &d->surfaces[index].water, error);
 }
 
+/* Whether the layer after the k-th has that role and the same slices. */
+static bool has_next(const slf_surface *surface, uint32_t k, slf_role role) {
+  const slf_layer *layer = &surface->layers[k];
+  return k + 1 < surface->layer_count && layer[1].role == role &&
+         layer[1].curve == SLF_CURVE_SRGB && layer[1].s_count == layer->s_count &&
+         layer[1].t_count == layer->t_count;
+}
+
 /* Whether a layer is what a surface reflects, with its heights. */
 static bool has_depth(const slf_surface *surface, uint32_t k) {
   const slf_layer *shape = &surface->layers[k];
   return shape->role == SLF_ROLE_REFLECTED && shape->curve == SLF_CURVE_SRGB &&
-         k + 1 < surface->layer_count && shape[1].role == SLF_ROLE_HEIGHT &&
-         shape[1].curve == SLF_CURVE_SRGB && shape[1].s_count == shape->s_count &&
-         shape[1].t_count == shape->t_count && depth_pages_fit(shape);
+         has_next(surface, k, SLF_ROLE_HEIGHT) && depth_pages_fit(shape);
+}
+
+/* Whether the k-th layer, of heights, is followed by their coverage. */
+static bool has_coverage(const slf_surface *surface, uint32_t k) {
+  const slf_layer *heights = &surface->layers[k];
+  return has_next(surface, k, SLF_ROLE_COVERAGE) && heights[1].u_count == heights->u_count &&
+         heights[1].v_count == heights->v_count;
 }
 
 static block_source source_of(const drawing *d, uint32_t index, uint32_t k) {
@@ -283,8 +296,11 @@ static bool create_by_depth(drawing *d, uint32_t index, uint32_t k) {
   if (!(surface->flags & SLF_SURFACE_WATER)) drawn.u_count *= 2, drawn.v_count *= 2;
   if (!texture_create(x, &surface->mesh, &drawn, source_of(d, index, k), d->options.dice_px))
     return false;
-  x->depth = depth_mixer_create(shape, source_of(d, index, k), shape + 1,
-                                source_of(d, index, k + 1), surface, drawn.u_count, drawn.v_count);
+  depth_sources sources = {
+      {shape, source_of(d, index, k)}, {shape + 1, source_of(d, index, k + 1)}, {NULL, {0}}};
+  if (has_coverage(surface, k + 1))
+    sources.coverage = (depth_source){shape + 2, source_of(d, index, k + 2)};
+  x->depth = depth_mixer_create(&sources, surface, drawn.u_count, drawn.v_count);
   texture_mix_together(x, processor_count(), TOGETHER_BLOCKS);
   return x->depth;
 }
@@ -315,7 +331,7 @@ static bool create_surface(drawing *d, uint32_t index) {
   for (uint32_t k = 0; k < surface->layer_count; k++) {
     const slf_layer *shape = &surface->layers[k];
     drawn_layer *layer = &s->layers[k];
-    layer->matte = shape->role == SLF_ROLE_HEIGHT;
+    layer->matte = shape->role == SLF_ROLE_HEIGHT || shape->role == SLF_ROLE_COVERAGE;
     if (layer->matte) continue; /* nothing to see */
     create_texture(d, layer, surface);
     layer->matte = shape->s_count == 1 && shape->t_count == 1;

@@ -21,7 +21,8 @@ static bool reserve(maps *m, size_t pixel_count) {
 static const char *const role_names[] = {[SLF_ROLE_FULL] = "",
                                          [SLF_ROLE_OWN] = ", own light",
                                          [SLF_ROLE_REFLECTED] = ", reflected light",
-                                         [SLF_ROLE_HEIGHT] = ", heights"};
+                                         [SLF_ROLE_HEIGHT] = ", heights",
+                                         [SLF_ROLE_COVERAGE] = ", coverage"};
 
 typedef struct {
   uint8_t *rgba;

@@ -84,11 +84,13 @@ static void measure_mix(const slf_file *file, uint32_t fineness, const char *nam
   texture four_tap, by_depth;
   if (!cache) fail("out of memory");
   const block_source light = block_cache_layer(cache, index, k);
+  depth_sources sources = {
+      {layer, light}, {layer + 1, block_cache_layer(cache, index, k + 1)}, {NULL, {0}}};
+  if (k + 2 < s->layer_count)
+    sources.coverage = (depth_source){layer + 2, block_cache_layer(cache, index, k + 2)};
   if (!texture_create(&four_tap, &s->mesh, layer, light, UV_DICE_PX) ||
       !texture_create(&by_depth, &s->mesh, &finer, light, UV_DICE_PX) ||
-      !(by_depth.depth =
-            depth_mixer_create(layer, light, layer + 1, block_cache_layer(cache, index, k + 1), s,
-                               finer.u_count, finer.v_count)))
+      !(by_depth.depth = depth_mixer_create(&sources, s, finer.u_count, finer.v_count)))
     fail("out of memory");
   double four_tap_ns[MAX_VIEWS], ns[MAX_VIEWS], ratios[MAX_VIEWS], first[MAX_VIEWS];
   double unread[MAX_VIEWS];
