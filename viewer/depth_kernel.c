@@ -1646,7 +1646,7 @@ INLINE sample light_in_front(const depth_field *field, const front *v, f8 covera
 
 static uint64_t cover(depth_field *field, depth_rays *rays, const depth_guess *guess,
                       uint64_t *partly) {
-  const f8 code = load(guess->codes);
+  f8 code = load(guess->codes);
   float coverages[LANES], codes[LANES], scores[LANES];
   uint16_t light[LANES][4];
   uint64_t wholly = 0;
@@ -1654,6 +1654,8 @@ static uint64_t cover(depth_field *field, depth_rays *rays, const depth_guess *g
   sight s[4];
   front v;
   look_around(field, rays, guess->texels, &b, s);
+  look_for(field, &b, s, &code, &v);
+  code = smaller(larger(code + v.moved, all(0)), all(255));
   look_for(field, &b, s, &code, &v);
   const f8 share = v.covered / (SLF_COVERED_BY_NONE * larger(v.seen + v.passed, all(1e-3f)));
   f8 coverage = smaller(larger((share - 0.5f) * SHARPEN + 0.5f, all(0)), all(1));
@@ -1727,14 +1729,14 @@ INLINE i8 lowest_beside(i8 row, int32_t left, int32_t right, i8 above_and_below)
   return lower(lower(row, above_and_below), lower(before, after));
 }
 
-/* The highest of the codes beside those of a row, 0 without any. */
+/* The highest of them, 0 without any. */
 INLINE i8 highest_beside(i8 row, int32_t left, int32_t right, i8 above, i8 below) {
   const i8 none = all_int(NO_CODE);
   i8 before, after;
   shift_row(row, left, right, &before, &after);
   before &= before != none, after &= after != none;
-  above &= above != none, below &= below != none;
-  return higher(higher(before, after), higher(above, below));
+  above &= above != none, below &= below != none, row &= row != none;
+  return higher(row, higher(higher(before, after), higher(above, below)));
 }
 
 static uint64_t find_steady(const depth_memory *last, const depth_rim *const around[4],
@@ -1749,11 +1751,11 @@ static uint64_t find_steady(const depth_memory *last, const depth_rim *const aro
   lows[9] = load_u16(around[RIM_BELOW]->lowest[RIM_ABOVE]);
   for (int row = 0; row < 8; row++) {
     const i8 kind = load_c8(last->kind + 8 * row), near = kind == SEEN_NEAR;
-    const i8 known = near | (kind == SEEN_WIDE);
+    const i8 unseen = kind == SEEN_NOT; /* what has been forgotten still lies beside others */
     certain |= (uint64_t)mask_bits(load_c8(last->score + 8 * row) >= (int)(100 * MOST_AGREE))
                << 8 * row;
     served |= (uint64_t)mask_bits(near) << 8 * row;
-    codes[row + 1] = (load_u16(last->code + 8 * row) & known) | (none & ~known);
+    codes[row + 1] = load_u16(last->code + 8 * row) | (none & unseen);
     lows[row + 1] = lower(codes[row + 1], load_u16(last->front + 8 * row));
   }
   for (int row = 0; row < 8; row++) {

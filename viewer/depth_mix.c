@@ -310,11 +310,11 @@ static uint64_t mix_covered(depth_mixer *m, depth_rays *rays, uint64_t texels,
   return mixed;
 }
 
-/* Texels that show a thing beside something higher, and the codes of its height. */
-static uint64_t find_front(const depth_rays *rays, const depth_outline *beside,
+/* Of texels those that show something lower than is beside them, and the codes of its height. */
+static uint64_t find_front(const depth_rays *rays, const depth_outline *beside, uint64_t texels,
                            const uint8_t kinds[64], uint16_t codes[64]) {
   uint64_t found = 0;
-  for (uint64_t left = beside->higher; left; left &= left - 1) {
+  for (uint64_t left = texels; left; left &= left - 1) {
     const uint32_t k = (uint32_t)__builtin_ctzll(left);
     codes[k] = (uint16_t)(256 * rays->code[k]);
     if (kinds[k] != SEEN_NOT && codes[k] + 256 * EDGE_CODES < beside->highest[k])
@@ -329,8 +329,9 @@ static void mix_behind(depth_mixer *m, depth_rays *rays, const depth_outline *be
                        uint8_t kinds[64], uint64_t *partly) {
   uint16_t codes[64];
   const uint64_t unseen = beside->lower & m->kernel->find_kind(kinds, SEEN_NOT);
-  uint64_t front = find_front(rays, beside, kinds, codes), mixed = 0;
-  if (front) front &= ~mix_covered(m, rays, front, codes, partly);
+  uint64_t front = find_front(rays, beside, beside->higher | *partly, kinds, codes), mixed = 0;
+  const uint64_t unasked = front & ~*partly;
+  if (unasked) front &= ~mix_covered(m, rays, unasked, codes, partly);
   for (uint64_t left = front | unseen; left;) {
     depth_guess g = {.count = 0};
     for (; left && g.count < LANES; left &= left - 1) {
@@ -386,7 +387,7 @@ static bool mix_block(depth_mixer *m, uint32_t block_u, uint32_t block_v,
   if (m->field.missed) return false;
   if (directions->mask & ~foretold)
     foretold |= mix_rest(m, &rays, directions->mask & ~foretold, &known, p, kinds);
-  beside.higher &= directions->mask & ~partly;
+  beside.higher &= directions->mask;
   if (beside.higher | beside.lower) mix_behind(m, &rays, &beside, kinds, &partly);
   if (m->field.missed) return false;
   if (partly) m->kernel->lay_over(&rays, partly);
@@ -481,9 +482,11 @@ depth_mixer *depth_mixer_create(const depth_sources *sources, const slf_surface 
     depth_mixer_free(m);
     return NULL;
   }
-  for (size_t block = 0; block < block_count; block++)
-    memset(m->last[block].front, 0xff, sizeof m->last->front); /* NO_CODE */
-  memset(m->rims, 0xff, block_count * sizeof *m->rims);        /* NO_CODE */
+  for (size_t block = 0; block < block_count; block++) {
+    memset(m->last[block].code, 0xff, sizeof m->last->code); /* NO_CODE */
+    memset(m->last[block].front, 0xff, sizeof m->last->front);
+  }
+  memset(m->rims, 0xff, block_count * sizeof *m->rims); /* NO_CODE */
   memset(m->last_rims, 0xff, (block_count + 1) * sizeof *m->rims);
   f->pages.wrap_u = wrap_u && !flat;
   depth_mixer_use_kernel(m, RESAMPLE_BEST);
