@@ -29,7 +29,7 @@ $(error CONFIG=$(CONFIG): expected release, debug or asan)
 endif
 CONFIG_CFLAGS.release := -O3 -DNDEBUG
 CONFIG_CFLAGS.debug := -O0 -g
-CONFIG_CFLAGS.asan := -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=all
+CONFIG_CFLAGS.asan := -O1 -g1 -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=all
 CONFIG_LDFLAGS.asan := -fsanitize=address,undefined
 # No contraction: a fused multiply-add would make the plain C differ between processors.
 ALL_CFLAGS = -std=c11 -D_GNU_SOURCE -Wall -Wextra -Werror -Wshadow -Wstrict-prototypes -Wvla -fPIC -fvisibility=hidden \

@@ -78,18 +78,21 @@ $(PEERS_PYTHON): tests/bench/requirements.txt | build/deps/peers
 bench-codec: all $(CODEC_BENCH) $(PEERS_PYTHON) ## Measure the codec beside its peers: build/bench/codec.json
 	@QUALITY=$(QUALITY) tests/bench/codec.sh
 
-# libFuzzer's targets: the library and one tests/fuzz/NAME.c, by clang, sanitized.
+# libFuzzer's targets: the library, compiled once for all, and one tests/fuzz/NAME.c, by clang, sanitized.
 FUZZ_TARGETS := open blocks round_trip
 FUZZ_SECONDS ?= 60
-FUZZ_CFLAGS := -std=c11 -D_GNU_SOURCE -O1 -g -ffp-contract=off -pthread -Wno-psabi -I. \
+FUZZ_CFLAGS := -std=c11 -D_GNU_SOURCE -O1 -gline-tables-only -ffp-contract=off -pthread -Wno-psabi -I. \
   -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=all
 FUZZ_SOURCES := $(filter-out codec/slf_command.c codec/slice_image.c codec/jpeg_slice.c,$(wildcard codec/*.c))
 
 .PHONY: fuzz fuzz-targets
 fuzz-targets: $(FUZZ_TARGETS:%=build/fuzz/%)
-build/fuzz/%: tests/fuzz/%.c $(FUZZ_SOURCES) $(wildcard codec/*.h) | $(CHECK_DEPS)
+FUZZ_OBJECTS := $(FUZZ_SOURCES:%.c=build/fuzz/obj/%.o)
+$(FUZZ_OBJECTS): build/fuzz/obj/%.o: %.c $(wildcard codec/*.h) | $(CHECK_DEPS)
 	@mkdir -p $(@D)
-	clang $(FUZZ_CFLAGS) $< $(FUZZ_SOURCES) -lm -o $@
+	$(call say,compile,$<)clang $(subst =fuzzer,=fuzzer-no-link,$(FUZZ_CFLAGS)) -c $< -o $@
+$(FUZZ_TARGETS:%=build/fuzz/%): build/fuzz/%: tests/fuzz/%.c $(FUZZ_OBJECTS) $(wildcard codec/*.h)
+	$(call say,link,$@)clang $(FUZZ_CFLAGS) $< $(FUZZ_OBJECTS) -lm -o $@
 fuzz: fuzz-targets ## Fuzz each target for FUZZ_SECONDS
 	@for t in $(FUZZ_TARGETS); do mkdir -p build/fuzz/$$t.new; \
 	  build/fuzz/$$t -max_total_time=$(FUZZ_SECONDS) -max_len=8192 -timeout=20 -rss_limit_mb=4096 \

@@ -28,8 +28,8 @@ equal() { # COMMAND
   case $1 in
   "make check") echo true ;; # this is it
   "make demo") echo "env -u DISPLAY -u WAYLAND_DISPLAY viewer/demo build/slfview build/check-pond-layers.slf 12 $out/demo" ;;
-  "make bake" | "make bake SCENE=floor" | "make bake SCENE=floor QUALITY=paper") echo "make bake SCENE=floor NAME=check-floor RAYS=25" ;;
-  "make view SCENE=floor") echo "view make view SCENE=floor NAME=check-floor RAYS=25" ;;
+  "make bake" | "make bake SCENE=floor" | "make bake SCENE=floor QUALITY=paper") echo "make bake SCENE=floor NAME=check-floor DECLARE=Texels=144" ;;
+  "make view SCENE=floor") echo "view make view SCENE=floor NAME=check-floor DECLARE=Texels=144" ;;
   "make bake SCENE=mine QUALITY=paper view") echo "view make bake SCENE=mine SCENES=$out/scenes NAME=readme-mine QUALITY=paper RAYS=1 view" ;;
   "make bench"* | "make report"*) echo "make -n ${1#make }" ;; # measured, not tested
   "make help" | "make build/"*) echo "$1" ;;

@@ -168,7 +168,7 @@ tail -c +$((nbytes / 3 + 1)) "$out/first.slf" >> "$out/coming.slf"
 check "and then all of it" shows all same_above all came
 check "which is not the same" differ_above coming all 1000
 key F3
-wait_for xdotool search --name "^dropped.slf"; key F3; wait_for xdotool search --name "^small.slf"; sleep 0.5
+wait_for xdotool search --name "dropped.slf"; key F3; wait_for xdotool search --name "^small.slf"; sleep 0.5
 import -window "$id" "$out/before.png"
 echo "no light field" > "$out/broken.slf"; build/tests/window/drop "$id" "$PWD/$out/broken.slf"
 check "a broken file is refused on stderr" wait_for grep -q broken.slf "$out/stderr"
