@@ -1655,8 +1655,12 @@ static uint64_t cover(depth_field *field, depth_rays *rays, const depth_guess *g
   front v;
   look_around(field, rays, guess->texels, &b, s);
   look_for(field, &b, s, &code, &v);
-  code = smaller(larger(code + v.moved, all(0)), all(255));
-  look_for(field, &b, s, &code, &v);
+  /* A neighbour's height: where the thing bends away its own is higher. */
+  const i8 moved = magnitude(v.moved) > all(LEAST_MOVE);
+  if (mask_bits(moved)) {
+    code = choose(moved, smaller(larger(code + v.moved, all(0)), all(255)), code);
+    look_for(field, &b, s, &code, &v);
+  }
   const f8 share = v.covered / (SLF_COVERED_BY_NONE * larger(v.seen + v.passed, all(1e-3f)));
   f8 coverage = smaller(larger((share - 0.5f) * SHARPEN + 0.5f, all(0)), all(1));
   coverage = choose(v.seen * (float)MOST_TIMES < all(ACROSS), all(0), coverage);
@@ -1715,6 +1719,21 @@ static uint64_t find_kind(const uint8_t kinds[64], uint8_t kind) {
   return found;
 }
 
+/* 0 where there is none. */
+INLINE i8 known_code(i8 code) {
+  return code & (code != all_int(NO_CODE));
+}
+
+INLINE int32_t least_of(i8 v) {
+  int32_t least = v[0];
+  for (int l = 1; l < LANES; l++) least = v[l] < least ? v[l] : least;
+  return least;
+}
+
+INLINE int32_t largest_of(i8 v) {
+  return -least_of(-v);
+}
+
 /* A row of numbers one to the left and one to the right, what lies beyond its ends given. */
 INLINE void shift_row(i8 row, int32_t left, int32_t right, i8 *before, i8 *after) {
   const i8 ends = {left, right};
@@ -1731,12 +1750,10 @@ INLINE i8 lowest_beside(i8 row, int32_t left, int32_t right, i8 above_and_below)
 
 /* The highest of them, 0 without any. */
 INLINE i8 highest_beside(i8 row, int32_t left, int32_t right, i8 above, i8 below) {
-  const i8 none = all_int(NO_CODE);
   i8 before, after;
   shift_row(row, left, right, &before, &after);
-  before &= before != none, after &= after != none;
-  above &= above != none, below &= below != none, row &= row != none;
-  return higher(row, higher(higher(before, after), higher(above, below)));
+  return higher(known_code(row), higher(higher(known_code(before), known_code(after)),
+                                        higher(known_code(above), known_code(below))));
 }
 
 static uint64_t find_steady(const depth_memory *last, const depth_rim *const around[4],
@@ -1749,6 +1766,11 @@ static uint64_t find_steady(const depth_memory *last, const depth_rim *const aro
   codes[9] = load_u16(around[RIM_BELOW]->codes[RIM_ABOVE]);
   lows[0] = load_u16(around[RIM_ABOVE]->lowest[RIM_BELOW]);
   lows[9] = load_u16(around[RIM_BELOW]->lowest[RIM_ABOVE]);
+  i8 least = lower(lower(lows[0], lows[9]), lower(load_u16(around[RIM_LEFT]->lowest[RIM_RIGHT]),
+                                                  load_u16(around[RIM_RIGHT]->lowest[RIM_LEFT])));
+  i8 most = higher(higher(known_code(codes[0]), known_code(codes[9])),
+                   higher(known_code(load_u16(around[RIM_LEFT]->codes[RIM_RIGHT])),
+                          known_code(load_u16(around[RIM_RIGHT]->codes[RIM_LEFT]))));
   for (int row = 0; row < 8; row++) {
     const i8 kind = load_c8(last->kind + 8 * row), near = kind == SEEN_NEAR;
     const i8 unseen = kind == SEEN_NOT; /* what has been forgotten still lies beside others */
@@ -1757,7 +1779,10 @@ static uint64_t find_steady(const depth_memory *last, const depth_rim *const aro
     served |= (uint64_t)mask_bits(near) << 8 * row;
     codes[row + 1] = load_u16(last->code + 8 * row) | (none & unseen);
     lows[row + 1] = lower(codes[row + 1], load_u16(last->front + 8 * row));
+    least = lower(least, lows[row + 1]), most = higher(most, known_code(codes[row + 1]));
   }
+  /* Most blocks show one thing. */
+  if (largest_of(most) - least_of(least) <= 256 * EDGE_CODES) return served & certain;
   for (int row = 0; row < 8; row++) {
     const i8 lowest =
         lowest_beside(lows[row + 1], around[RIM_LEFT]->lowest[RIM_RIGHT][row],

@@ -155,6 +155,8 @@ enum {
  * its outline; the outline is this many times narrower, or it looks blurred beside what is drawn.
  */
 #define SHARPEN 1.7f
+/* Codes by which what covers a texel lies off its guess for another look to be taken. */
+#define LEAST_MOVE 0.5f
 /* What covers less of a texel does not count. */
 #define LEAST_COVERAGE 0.01f
 /* What is lower hides what is higher if it is judged this well beside it. */
