@@ -43,8 +43,9 @@ static double number_in(const char *folder, const char *name, double otherwise) 
   return number;
 }
 
-static void add_surface(tally *sum, const char *folder, const surface *self, uint32_t rays,
+static void add_surface(tally *sum, const char *folder, const surface *self, uint32_t asked_rays,
                         double look_at, double cost_us) {
+  const uint32_t rays = surface_rays(self, asked_rays);
   char *path = format_text("%s/%s/surface.txt", folder, self->name);
   double from = changed_at(path);
   free(path);
@@ -62,7 +63,7 @@ static void add_surface(tally *sum, const char *folder, const surface *self, uin
     sum->samples_outside += texels * (self->s_count * self->t_count - slice_count);
   }
   sum->nbytes += (uint64_t)self->u_count * self->v_count * slice_count * 6 *
-                 (surface_has_layers(self) ? 3 : 1);
+                 (surface_has_layers(self) ? 3 + surface_has_coverage(self, asked_rays) : 1);
   for (uint32_t i = 0; i < chunk_count; i++) {
     uint64_t chunk_rays = slice_rays * surface_chunk(self, rays, i).count;
     path = format_text("%s/%s/%04u.exr", folder, self->name, i);
@@ -82,8 +83,7 @@ static tally count(const char *folder, uint32_t rays, uint32_t *surface_count) {
   scene *whole = scene_read(folder);
   double cost_us = number_in(folder, "cost", 3), look_at = changed_at(look);
   for (uint32_t i = 0; i < whole->surface_count; i++)
-    add_surface(&sum, folder, &whole->surfaces[i], surface_rays(&whole->surfaces[i], rays), look_at,
-                cost_us);
+    add_surface(&sum, folder, &whole->surfaces[i], rays, look_at, cost_us);
   *surface_count = whole->surface_count;
   scene_free(whole);
   free(look);

@@ -32,8 +32,8 @@ $(CHECK_BAKES): all
 check-floor: OPTIONS = SCENE=floor DECLARE=Texels=144
 check-floor-mirror: OPTIONS = SCENE=floor QUALITY=paper RAYS=1 DECLARE="Mirror=1 Directions=32"
 check-pond: OPTIONS = SCENE=pond RAYS=1
-check-pond-layers: OPTIONS = SCENE=pond RAYS=1 DECLARE="Texels=256 Directions=8 Slf_Layers=8"
-check-floor-layers: OPTIONS = SCENE=floor RAYS=1 DECLARE="Mirror=1 Texels=256 Directions=8 Slf_Layers=8"
+check-pond-layers: OPTIONS = SCENE=pond DECLARE="Texels=256 Directions=8 Slf_Layers=8"
+check-floor-layers: OPTIONS = SCENE=floor DECLARE="Mirror=1 Texels=256 Directions=8 Slf_Layers=8"
 
 .PHONY: unit-suites format
 unit-suites: $(UNIT_SUITES)

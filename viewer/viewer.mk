@@ -31,7 +31,7 @@ view: bake $(OUT)/slfview ## Open SCENE, baked first where needed
 	$(OUT)/slfview build/$(NAME).slf
 
 demo: all ## Bake a pond that stays sharp and show it; without a display, film it to build/demo
-	$(MAKE) --no-print-directory bake SCENE=pond NAME=demo QUALITY=paper RAYS=1 \
+	$(MAKE) --no-print-directory bake SCENE=pond NAME=demo QUALITY=paper RAYS=9 \
 	  DECLARE="Texels=256 Directions=8 Slf_Layers=8"
 	@viewer/demo $(OUT)/slfview build/demo.slf
 

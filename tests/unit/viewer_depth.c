@@ -385,15 +385,15 @@ static double edge_error(const setting *how, const uint16_t *texels, uint32_t ro
   return (covered - (right ? edge - first : first + count - edge)) / how->fineness;
 }
 
-static void outlines_lie_between_texels(void **state) {
-  (void)state;
+/* The same of all outlines in the middle of the mirror, rms, after a few frames of a flight. */
+static double outlines_off(bool knows_coverage) {
   enum { FINENESS = 2, SIDE = FINENESS * TEXELS };
   static uint16_t texels[SIDE * SIDE * 4];
   setting how = {.bar_width = 0.2,
                  .bar_turn = 0.3,
                  .is_even = true,
                  .fineness = FINENESS,
-                 .knows_coverage = !getenv("NOCOV"),
+                 .knows_coverage = knows_coverage,
                  .eye_steps = 0.25 / TEXELS,
                  .texels = texels};
   double sum = 0;
@@ -403,18 +403,36 @@ static void outlines_lie_between_texels(void **state) {
       const double off = edge_error(&how, texels, row, right);
       sum += off * off;
     }
+  return sqrt(sum / SIDE);
+}
+
+static void outlines_lie_between_texels(void **state) {
+  (void)state;
   /* A slice knows of an outline by whole texels, evenly up to half a texel off, 0.29 rms; two
-   * texels of it share a row, and two to four slices: 0.1 to 0.2. It is 0.18; 0.23 where a texel
+   * texels of it share a row, and two to four slices: 0.1 to 0.2. It is 0.146; 0.23 where a texel
    * shows one thing or the other. */
-  print_message("rms %.4f\n", sqrt(sum / SIDE));
-  assert_true(sqrt(sum / SIDE) < 0.2);
+  assert_true(outlines_off(false) < 0.16);
+}
+
+static void outlines_lie_where_coverage_says(void **state) {
+  (void)state;
+  /* 9 x 9 rays place an edge within 1/18 of a texel, 0.03 rms; between texels coverage is
+   * interpolated, off by up to 1/8 of what its slope changes by, from 0 to 1 a texel, for the
+   * lights of a texel drawn half as large: 0.044 in all. A texel too much or too few in a dozen
+   * makes 0.06. */
+  assert_true(outlines_off(true) < 0.055);
 }
 
 static void kernels_give_the_same_bytes(void **state) {
   (void)state;
   enum { COUNT = BLOCKS * BLOCKS * 256 };
   static uint16_t best[COUNT], plain[COUNT];
-  setting how = {.bar_width = 0.2, .fineness = 1, .eye_steps = 0.5 / TEXELS, .texels = best};
+  setting how = {.bar_width = 0.2,
+                 .bar_turn = 0.3,
+                 .knows_coverage = true,
+                 .fineness = 1,
+                 .eye_steps = 0.5 / TEXELS,
+                 .texels = best};
   mix(how);
   how.kernel = RESAMPLE_PLAIN_C, how.texels = plain;
   mix(how);
@@ -604,6 +622,7 @@ int main(void) {
       cmocka_unit_test(a_thing_between_the_lines_is_not_lost),
       cmocka_unit_test(frames_of_a_flight_keep_what_they_know),
       cmocka_unit_test(outlines_lie_between_texels),
+      cmocka_unit_test(outlines_lie_where_coverage_says),
       cmocka_unit_test(kernels_give_the_same_bytes),
       cmocka_unit_test(threads_make_no_difference),
       cmocka_unit_test(four_taps_are_blurred_here),
