@@ -47,7 +47,7 @@ parse_dc(const block_tables *tables, int code, bool present, bit_reader *r, int3
   int32_t found = 0;
   bool good = parse_long_dc(&tables->decoders[code], &copy, &found);
   *level = found;
-  *r = copy;
+  reader_update(r, &copy);
   return good;
 }
 
@@ -149,7 +149,7 @@ static inline __attribute__((always_inline)) bool parse_channel(const block_tabl
       bit_reader copy = *r;
       channel_reader there = c;
       good = parse_long(&tables->decoders[code], &copy, &there, &end);
-      *r = copy;
+      reader_update(r, &copy);
       c = there;
     }
     if (end || !good || __builtin_expect(c.next > COEFFICIENTS, 0)) break;
@@ -218,7 +218,7 @@ static inline __attribute__((always_inline)) bool parse_shifts(const block_table
   bit_reader copy = *r;
   int shift_u, shift_v;
   bool good = parse_long_shifts(&tables->decoders[CODE_SHIFT], &copy, &shift_u, &shift_v);
-  *r = copy;
+  reader_update(r, &copy);
   head->shift_u = shift_u;
   head->shift_v = shift_v;
   return good;
@@ -269,7 +269,7 @@ static inline __attribute__((always_inline)) bool parse_head(const block_tables 
     block_head found = {0};
     bit_reader copy = *r;
     bool good = parse_long_head(tables, &copy, &found);
-    *r = copy;
+    reader_update(r, &copy);
     *head = found;
     return good;
   }
@@ -346,7 +346,7 @@ pass_step(const block_tables *tables, unsigned *state, unsigned *level_bits, bit
   bool good = pass_long(tables, &next, &bits, &copy);
   *state = next;
   *level_bits = bits;
-  *r = copy;
+  reader_update(r, &copy);
   return good;
 }
 
