@@ -170,9 +170,10 @@ typedef struct {
 } key_memo;
 
 static void memo_begin(key_memo *memo) {
-  memset(memo->tags, 0, sizeof memo->tags);
-  memset(memo->difference_tags, 0, sizeof memo->difference_tags);
-  for (int i = 0; i < KEY_MEMO; i++) reader_is_nowhere(&memo->readers[i]);
+  for (int i = 0; i < KEY_MEMO; i++) {
+    memo->tags[i] = memo->difference_tags[i] = 0;
+    reader_is_nowhere(&memo->readers[i]);
+  }
 }
 
 static uint64_t key_number(const layer_state *layer, uint32_t group, uint64_t place) {
@@ -322,7 +323,7 @@ typedef struct {
 static void decoder_begin(decoder *d, const layer_state *layer) {
   d->layer = layer;
   reader_is_nowhere(&d->rest);
-  memo_begin(&d->memo);
+  if (layer_has(layer, STREAM_KEYS)) memo_begin(&d->memo);
 }
 
 /* The slice of the block that the entry's state stands on. */
@@ -432,34 +433,35 @@ static void decode_channels(const layer_state *layer, uint32_t s, uint32_t t, ui
 
 /* ---- Batches ------------------------------------------------------------------------------- */
 
-/* What comes before a block's bits is done for blocks that follow, a step for each of three: a miss
- * takes some 80 ns, about as long as a block, and three dependent ones stand before the bits. */
-enum { FIND_AHEAD = 8, SEGMENT_AHEAD = 16, MAKE_AHEAD = 24, RING = 32 };
+/* What comes before a block's bits is done for blocks that follow, a step for each of two: a miss
+ * takes some 80 ns, about as long as a block, and dependent ones stand before the bits. */
+enum { FIND_AHEAD = 8, MAKE_AHEAD = 16, RING = 32 };
 
 typedef struct {
   entry_site site;
-  uint64_t place, byte;
+  uint64_t place, byte; /* at first of the segment, then of the entry */
   bool exists;
   bool is_key;
   bool follows; /* in the entry of the block before */
 } pending_block;
 
-static void make_pending(const layer_state *layer, slf_block_address a, const pending_block *before,
-                         pending_block *p) {
+static inline void make_pending(const layer_state *layer, slf_block_address a,
+                                const pending_block *before, pending_block *p) {
   const slf_layer *l = &layer->public;
+  p->follows = false;
   p->exists = a.block_u < l->block_u_count && a.block_v < l->block_v_count &&
               layer_has_slice(layer, a.s, a.t);
-  p->follows = false;
   if (!p->exists) return;
   p->place = (uint64_t)a.block_v * l->block_u_count + a.block_u;
   p->site = site_of_slice(layer, a.s, a.t, p->place);
   p->is_key = p->site.stream == &layer->streams[STREAM_KEYS];
   p->follows = before && (before->exists & (before->site.stream == p->site.stream) &
                           (before->site.entry == p->site.entry));
-  if (!p->follows) stream_prefetch_directory(&p->site.stream->blocks, p->site.entry);
+  if (!p->follows) p->byte = stream_prefetch_segment(&p->site.stream->blocks, p->site.entry);
 }
 
-static void find_pending(const pending_block *before, pending_block *p) {
+static inline void find_pending(const pending_block *before, pending_block *p) {
+  if (!p->exists) return;
   const block_stream *blocks = &p->site.stream->blocks;
   if (p->follows) {
     p->byte = before->byte;
@@ -472,19 +474,22 @@ static void find_pending(const pending_block *before, pending_block *p) {
   __builtin_prefetch((const void *)(begin + 64 - 136 * backwards));
 }
 
-/* What is to be done for blocks after the one at `i`, each a step behind the next. */
-static inline void look_ahead(const layer_state *layer, const slf_block_address *addresses,
-                              size_t count, size_t i, pending_block ring[RING]) {
-  size_t far = i + MAKE_AHEAD, middle = i + SEGMENT_AHEAD, near = i + FIND_AHEAD;
-  if (far < count)
-    make_pending(layer, addresses[far], far ? &ring[(far - 1) % RING] : NULL, &ring[far % RING]);
-  if (middle < count) {
-    pending_block *p = &ring[middle % RING];
-    if (p->exists && !p->follows)
-      p->byte = stream_prefetch_segment(&p->site.stream->blocks, p->site.entry);
-  }
-  if (near < count && ring[near % RING].exists)
-    find_pending(&ring[(near - 1) % RING], &ring[near % RING]);
+/* A run of blocks of one layer. */
+typedef struct {
+  const layer_state *layer;
+  const slf_block_address *addresses;
+  size_t count;
+  pending_block ring[RING];
+} batch;
+
+static inline void make_ahead(batch *b, size_t i) {
+  if (i < b->count)
+    make_pending(b->layer, b->addresses[i], i ? &b->ring[(i - 1) % RING] : NULL,
+                 &b->ring[i % RING]);
+}
+
+static inline void find_ahead(batch *b, size_t i) {
+  if (i < b->count) find_pending(&b->ring[(i - 1) % RING], &b->ring[i % RING]);
 }
 
 static inline void read_pending(decoder *d, const pending_block *p) {
@@ -537,18 +542,21 @@ static void decode_batch(const layer_state *layer, const slf_block_address *addr
     return;
   }
   decoder d;
-  pending_block ring[RING];
+  batch b;
+  b.layer = layer;
+  b.addresses = addresses;
+  b.count = count;
   decoder_begin(&d, layer);
   if (count >= MANY_BLOCKS) prefetch_ac_tables(layer->streams[STREAM_REST].tables);
-  for (size_t ahead = MAKE_AHEAD; ahead; ahead--)
-    look_ahead(layer, addresses, count, (size_t)0 - ahead, ring);
-  look_ahead(layer, addresses, count, 0, ring);
+  for (size_t i = 0; i < MAKE_AHEAD; i++) make_ahead(&b, i);
+  for (size_t i = 0; i < FIND_AHEAD; i++) find_ahead(&b, i);
   for (size_t i = 0; i < count; i++) {
-    const pending_block *p = &ring[i % RING];
+    const pending_block *p = &b.ring[i % RING];
     read_pending(&d, p);
     /* Between the two, so that the levels' narrow stores have come to the cache when the
      * transform's wide loads ask for them. */
-    look_ahead(layer, addresses, count, i + 1, ring);
+    make_ahead(&b, i + MAKE_AHEAD);
+    find_ahead(&b, i + FIND_AHEAD);
     finish_pending(&d, p, addresses[i].s, addresses[i].t, u_blocks[i]);
   }
 }
