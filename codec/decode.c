@@ -255,13 +255,18 @@ static const fine_block *get_difference(const layer_state *layer, uint32_t group
 /* The texels of a place; beyond the slice its edge repeats. */
 static void copy_edge(const fine_block from, bool left, bool right, bool above, bool below,
                       int16_t *to) {
+  const int first = below ? 8 * 7 : 0, step = above | below ? 0 : 8;
   for (int c = 0; c < 3; c++)
+#pragma GCC unroll 8
     for (int y = 0; y < 8; y++) {
-      const int16_t *row = from[c] + 8 * (above ? 0 : below ? 7 : y);
-      int16_t *row_to = to + c * WINDOW_CHANNEL + y * WINDOW_ROW, edge = row[left ? 0 : 7];
-      memcpy(row_to, row, 8 * sizeof *row);
-      if (left | right)
+      const int16_t *row = from[c] + first + step * y;
+      int16_t *row_to = to + c * WINDOW_CHANNEL + y * WINDOW_ROW;
+      if (left | right) {
+        const int16_t edge = row[left ? 0 : 7];
         for (int x = 0; x < 8; x++) row_to[x] = edge;
+      } else {
+        memcpy(row_to, row, 8 * sizeof *row);
+      }
     }
 }
 
@@ -277,14 +282,14 @@ static inline int32_t clamp(int32_t x, int32_t last) {
 }
 
 /* Place by place, what lies where the block is shifted to. */
-static void fill_window(const layer_state *layer, uint32_t group, uint64_t place, int du, int dv,
-                        key_memo *memo, shift_window *window) {
+static void fill_window(const layer_state *layer, uint32_t group, uint32_t block_u,
+                        uint32_t block_v, int du, int dv, key_memo *memo, shift_window *window) {
   const slf_layer *p = &layer->public;
   int32_t u_last = (int32_t)p->block_u_count - 1, v_last = (int32_t)p->block_v_count - 1;
   /* Shifts are -16 at least. */
-  int32_t u0 = (int32_t)((uint32_t)place % p->block_u_count) + (du + 16) / 8 - 2;
-  int32_t v0 = (int32_t)((uint32_t)place / p->block_u_count) + (dv + 16) / 8 - 2;
-  int32_t x0 = (du + 16) % 8, y0 = (dv + 16) % 8;
+  int32_t u0 = (int32_t)block_u + (int32_t)((uint32_t)(du + 16) / 8) - 2;
+  int32_t v0 = (int32_t)block_v + (int32_t)((uint32_t)(dv + 16) / 8) - 2;
+  int32_t x0 = (int32_t)((uint32_t)(du + 16) % 8), y0 = (int32_t)((uint32_t)(dv + 16) % 8);
   window->begin = (uint32_t)(y0 * WINDOW_ROW + x0);
   for (int32_t j = 0; j < 1 + (y0 > 0); j++)
     for (int32_t i = 0; i < 1 + (x0 > 0); i++) {
@@ -303,7 +308,9 @@ static void decode_shifted(const layer_state *layer, uint32_t group, uint64_t pl
   key_memo memo;
   shift_window window;
   memo_begin(&memo);
-  fill_window(layer, group, place, du, dv, &memo, &window);
+  uint32_t block_u = (uint32_t)place % layer->public.block_u_count;
+  uint32_t block_v = (uint32_t)place / layer->public.block_u_count;
+  fill_window(layer, group, block_u, block_v, du, dv, &memo, &window);
   for (int c = 0; c < 3; c++)
     for (int i = 0; i < COEFFICIENTS; i++) {
       uint32_t at = window.begin + (uint32_t)(c * WINDOW_CHANNEL + i / 8 * WINDOW_ROW + i % 8);
@@ -381,19 +388,20 @@ static void decode_chain(const layer_state *layer, uint32_t s, uint32_t t, uint6
 }
 
 /* A block whose entry was read up to it. Codes where u_block is not NULL, else channels. */
-static void finish_block(decoder *d, const entry_site *site, uint32_t s, uint32_t t, uint64_t place,
-                         uint8_t *u_block, float channels[3][COEFFICIENTS]) {
+static void finish_block(decoder *d, const entry_site *site, slf_block_address a, uint8_t *u_block,
+                         float channels[3][COEFFICIENTS]) {
   const layer_state *layer = d->layer;
   fine_block scratch;
   uint32_t group = 0, gain = layer->gains[STREAM_REST];
-  const fine_block *found = get_prediction(d, site, s, t, place, &group, &scratch);
+  const uint64_t place = (uint64_t)a.block_v * layer->public.block_u_count + a.block_u;
+  const fine_block *found = get_prediction(d, site, a.s, a.t, place, &group, &scratch);
   const int16_t(*prediction)[COEFFICIENTS] =
       found ? (const int16_t(*)[COEFFICIENTS]) * found : NULL;
   shift_window window, *shifted = NULL;
   if (is_shifted(d)) {
     shifted = &window;
-    fill_window(layer, group, place, d->rest.state.shift_u, d->rest.state.shift_v, &d->memo,
-                shifted);
+    fill_window(layer, group, a.block_u, a.block_v, d->rest.state.shift_u, d->rest.state.shift_v,
+                &d->memo, shifted);
   }
   if (u_block)
     levels_to_codes(layer, prediction, entry_levels(&d->rest.state), gain, shifted, u_block);
@@ -428,7 +436,11 @@ static void decode_channels(const layer_state *layer, uint32_t s, uint32_t t, ui
     return;
   }
   read_block(&d.rest, &site);
-  finish_block(&d, &site, s, t, place, NULL, channels);
+  slf_block_address a = {.s = (uint16_t)s,
+                         .t = (uint16_t)t,
+                         .block_u = (uint16_t)(place % layer->public.block_u_count),
+                         .block_v = (uint16_t)(place / layer->public.block_u_count)};
+  finish_block(&d, &site, a, NULL, channels);
 }
 
 /* ---- Batches ------------------------------------------------------------------------------- */
@@ -501,17 +513,17 @@ static inline void read_pending(decoder *d, const pending_block *p) {
 }
 
 /* A block that was read. */
-static inline void finish_pending(decoder *d, const pending_block *p, uint32_t s, uint32_t t,
+static inline void finish_pending(decoder *d, const pending_block *p, slf_block_address a,
                                   uint8_t *u_block) {
   if (!p->exists)
     memset(u_block, 0, SLF_BLOCK_NBYTES);
   else if (p->is_key)
-    decode_key_slice(d, s, t, p->place, u_block, NULL);
+    decode_key_slice(d, a.s, a.t, p->place, u_block, NULL);
   else if (d->layer->public.angular == SLF_ANGULAR_NONE)
     levels_to_codes(d->layer, NULL, entry_levels(&d->rest.state), d->layer->gains[STREAM_REST],
                     NULL, u_block);
   else
-    finish_block(d, &p->site, s, t, p->place, u_block, NULL);
+    finish_block(d, &p->site, a, u_block, NULL);
 }
 
 static void decode_chained(const layer_state *layer, slf_block_address a, uint8_t *u_block) {
@@ -557,7 +569,7 @@ static void decode_batch(const layer_state *layer, const slf_block_address *addr
      * transform's wide loads ask for them. */
     make_ahead(&b, i + MAKE_AHEAD);
     find_ahead(&b, i + FIND_AHEAD);
-    finish_pending(&d, p, addresses[i].s, addresses[i].t, u_blocks[i]);
+    finish_pending(&d, p, addresses[i], u_blocks[i]);
   }
 }
 

@@ -215,6 +215,16 @@ static __attribute__((noinline)) bool parse_long_shifts(const huffman_decoder *d
 
 static inline __attribute__((always_inline)) bool parse_shifts(const block_tables *tables,
                                                                bit_reader *r, block_head *head) {
+  refill(r);
+  unsigned u = tables->shift[r->bits >> (64 - FAST_DC_BITS)], u_bits = u & 255;
+  unsigned v = tables->shift[r->bits << u_bits >> (64 - FAST_DC_BITS)], v_bits = v & 255;
+  if (__builtin_expect(u_bits && v_bits && (u | v) >> 8 < 32, 1)) {
+    consume(r, u_bits + v_bits);
+    head->shift_u = (int)(u >> 8) - 16;
+    head->shift_v = (int)(v >> 8) - 16;
+    refill(r);
+    return true;
+  }
   bit_reader copy = *r;
   int shift_u, shift_v;
   bool good = parse_long_shifts(&tables->decoders[CODE_SHIFT], &copy, &shift_u, &shift_v);
