@@ -77,6 +77,15 @@ static inline void put_sizes(uint8_t *to, uint32_t sizes) {
   memcpy(to, &sizes, sizeof sizes);
 }
 
+/* The place behind the last one ahead of a place. */
+static inline uint64_t place_behind(uint64_t place, uint64_t ahead) {
+#ifdef __LZCNT__
+  return place + 64 - _lzcnt_u64(ahead);
+#else
+  return place + 63 - (unsigned)__builtin_clzll(ahead << 1 | 1);
+#endif
+}
+
 static inline __attribute__((always_inline)) void take_seen(channel_reader *c, bit_reader *r) {
   const uint64_t ahead = c->seen & ((1u << FAST_REACH) - 1);
   r->bits <<= c->taken & FAST_TAKEN;
@@ -84,7 +93,7 @@ static inline __attribute__((always_inline)) void take_seen(channel_reader *c, b
   put_sizes(c->sizes, spread_sizes(c->seen >> FAST_REACH));
   c->sizes += __builtin_popcountll(ahead);
   c->places |= ahead << (c->next & 63);
-  c->next += 63 - (unsigned)__builtin_clzll(ahead << 1 | 1);
+  c->next = place_behind(c->next, ahead);
 }
 
 /* Takes what a window shows, unless there is nothing to show or the channel ends: two in one, so
