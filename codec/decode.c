@@ -255,7 +255,7 @@ static const fine_block *get_difference(const layer_state *layer, uint32_t group
 /* The texels of a place; beyond the slice its edge repeats. */
 static void copy_edge(const fine_block from, bool left, bool right, bool above, bool below,
                       int16_t *to) {
-  const int first = below ? 8 * 7 : 0, step = above | below ? 0 : 8;
+  const int first = below ? 8 * 7 : 0, step = (above | below) ? 0 : 8;
   for (int c = 0; c < 3; c++)
 #pragma GCC unroll 8
     for (int y = 0; y < 8; y++) {
