@@ -59,7 +59,7 @@ static uint8_t dc_entry(const huffman_decoder *decoder, uint32_t window) {
                                                                    : LONG_DC;
 }
 
-static uint16_t head_entry(const huffman_decoder *decoder, uint32_t window) {
+static uint16_t symbol_entry(const huffman_decoder *decoder, uint32_t window) {
   unsigned bits, symbol = huffman_read(decoder, 1, window << (16 - FAST_DC_BITS), &bits);
   return bits <= FAST_DC_BITS ? (uint16_t)(bits | symbol << 8) : 0;
 }
@@ -123,7 +123,8 @@ void block_tables_make(const block_codes *codes, block_tables *tables) {
   for (uint32_t w = 0; w < 1u << FAST_HEAD_BITS; w++)
     tables->whole_head[w] = whole_head_entry(tables, w);
   for (uint32_t w = 0; w < 1u << FAST_DC_BITS; w++) {
-    tables->head[w] = head_entry(&tables->decoders[CODE_HEAD], w);
+    tables->head[w] = symbol_entry(&tables->decoders[CODE_HEAD], w);
+    tables->shift[w] = symbol_entry(&tables->decoders[CODE_SHIFT], w);
     for (int i = 0; i < 4; i++) tables->dc[i][w] = dc_entry(&tables->decoders[CODE_DC + i], w);
   }
   for (int i = 0; i < 4; i++) {

@@ -148,6 +148,7 @@ typedef struct {
   ac_table later_ac[4];
   uint8_t dc[NO_DC + 1][1 << FAST_DC_BITS]; /* NO_DC: takes nothing, gives 0 */
   uint16_t head[1 << FAST_DC_BITS];         /* bits 0-7 bits taken, 0 if longer; 8-15 the symbol */
+  uint16_t shift[1 << FAST_DC_BITS];        /* likewise */
   /* Bits 0-5 bits taken with the DC levels behind, 0 if this is not the place to look; 6-9 those of
    * the code; 10-27 the whole head. */
   uint32_t whole_head[1 << FAST_HEAD_BITS];

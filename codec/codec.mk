@@ -18,9 +18,12 @@ AVX2_CFLAGS := -mavx2 -mtune=haswell -mbmi -mbmi2 -mpopcnt -mlzcnt -DSLF_KERNEL_
 # To find and parse has no vectors to gain from: with these flags lone blocks take 6 % longer.
 $(OBJ)/codec/levels.avx512.o $(OBJ)/codec/transform.avx512.o $(OBJ)/codec/decode.avx512.o: PKG_CFLAGS = \
   -mavx512f -mavx512bw -mavx512dq -mavx512vl -mavx512vbmi -mavx512vbmi2
+# Nor from pairs of numbers that go through a vector's register to lie side by side.
+NO_PAIRS := $(foreach part,find parse decode,$(foreach kernel,avx2 avx512,$(OBJ)/codec/$(part).$(kernel).o))
+$(NO_PAIRS): PKG_CFLAGS += -fno-tree-slp-vectorize
 $(OBJ)/codec/%.avx2.o: codec/%.c $(OBJ)/flags | $(DEPS)
 	@mkdir -p $(@D)
-	$(call say,compile,$<)$(CC) $(ALL_CFLAGS) $(AVX2_CFLAGS) -MMD -MP -c $< -o $@
+	$(call say,compile,$<)$(CC) $(ALL_CFLAGS) $(AVX2_CFLAGS) $(PKG_CFLAGS) -MMD -MP -c $< -o $@
 $(OBJ)/codec/%.avx512.o: codec/%.c $(OBJ)/flags | $(DEPS)
 	@mkdir -p $(@D)
 	$(call say,compile,$<)$(CC) $(ALL_CFLAGS) $(AVX2_CFLAGS) -DSLF_KERNEL_AVX512 $(PKG_CFLAGS) -MMD -MP -c $< -o $@

@@ -170,9 +170,10 @@ typedef struct {
 } key_memo;
 
 static void memo_begin(key_memo *memo) {
-  memset(memo->tags, 0, sizeof memo->tags);
-  memset(memo->difference_tags, 0, sizeof memo->difference_tags);
-  for (int i = 0; i < KEY_MEMO; i++) reader_is_nowhere(&memo->readers[i]);
+  for (int i = 0; i < KEY_MEMO; i++) {
+    memo->tags[i] = memo->difference_tags[i] = 0;
+    reader_is_nowhere(&memo->readers[i]);
+  }
 }
 
 static uint64_t key_number(const layer_state *layer, uint32_t group, uint64_t place) {
@@ -254,13 +255,18 @@ static const fine_block *get_difference(const layer_state *layer, uint32_t group
 /* The texels of a place; beyond the slice its edge repeats. */
 static void copy_edge(const fine_block from, bool left, bool right, bool above, bool below,
                       int16_t *to) {
+  const int first = below ? 8 * 7 : 0, step = (above | below) ? 0 : 8;
   for (int c = 0; c < 3; c++)
+#pragma GCC unroll 8
     for (int y = 0; y < 8; y++) {
-      const int16_t *row = from[c] + 8 * (above ? 0 : below ? 7 : y);
-      int16_t *row_to = to + c * WINDOW_CHANNEL + y * WINDOW_ROW, edge = row[left ? 0 : 7];
-      memcpy(row_to, row, 8 * sizeof *row);
-      if (left | right)
+      const int16_t *row = from[c] + first + step * y;
+      int16_t *row_to = to + c * WINDOW_CHANNEL + y * WINDOW_ROW;
+      if (left | right) {
+        const int16_t edge = row[left ? 0 : 7];
         for (int x = 0; x < 8; x++) row_to[x] = edge;
+      } else {
+        memcpy(row_to, row, 8 * sizeof *row);
+      }
     }
 }
 
@@ -276,14 +282,14 @@ static inline int32_t clamp(int32_t x, int32_t last) {
 }
 
 /* Place by place, what lies where the block is shifted to. */
-static void fill_window(const layer_state *layer, uint32_t group, uint64_t place, int du, int dv,
-                        key_memo *memo, shift_window *window) {
+static void fill_window(const layer_state *layer, uint32_t group, uint32_t block_u,
+                        uint32_t block_v, int du, int dv, key_memo *memo, shift_window *window) {
   const slf_layer *p = &layer->public;
   int32_t u_last = (int32_t)p->block_u_count - 1, v_last = (int32_t)p->block_v_count - 1;
   /* Shifts are -16 at least. */
-  int32_t u0 = (int32_t)((uint32_t)place % p->block_u_count) + (du + 16) / 8 - 2;
-  int32_t v0 = (int32_t)((uint32_t)place / p->block_u_count) + (dv + 16) / 8 - 2;
-  int32_t x0 = (du + 16) % 8, y0 = (dv + 16) % 8;
+  int32_t u0 = (int32_t)block_u + (int32_t)((uint32_t)(du + 16) / 8) - 2;
+  int32_t v0 = (int32_t)block_v + (int32_t)((uint32_t)(dv + 16) / 8) - 2;
+  int32_t x0 = (int32_t)((uint32_t)(du + 16) % 8), y0 = (int32_t)((uint32_t)(dv + 16) % 8);
   window->begin = (uint32_t)(y0 * WINDOW_ROW + x0);
   for (int32_t j = 0; j < 1 + (y0 > 0); j++)
     for (int32_t i = 0; i < 1 + (x0 > 0); i++) {
@@ -302,7 +308,9 @@ static void decode_shifted(const layer_state *layer, uint32_t group, uint64_t pl
   key_memo memo;
   shift_window window;
   memo_begin(&memo);
-  fill_window(layer, group, place, du, dv, &memo, &window);
+  uint32_t block_u = (uint32_t)place % layer->public.block_u_count;
+  uint32_t block_v = (uint32_t)place / layer->public.block_u_count;
+  fill_window(layer, group, block_u, block_v, du, dv, &memo, &window);
   for (int c = 0; c < 3; c++)
     for (int i = 0; i < COEFFICIENTS; i++) {
       uint32_t at = window.begin + (uint32_t)(c * WINDOW_CHANNEL + i / 8 * WINDOW_ROW + i % 8);
@@ -322,7 +330,7 @@ typedef struct {
 static void decoder_begin(decoder *d, const layer_state *layer) {
   d->layer = layer;
   reader_is_nowhere(&d->rest);
-  memo_begin(&d->memo);
+  if (layer_has(layer, STREAM_KEYS)) memo_begin(&d->memo);
 }
 
 /* The slice of the block that the entry's state stands on. */
@@ -380,19 +388,20 @@ static void decode_chain(const layer_state *layer, uint32_t s, uint32_t t, uint6
 }
 
 /* A block whose entry was read up to it. Codes where u_block is not NULL, else channels. */
-static void finish_block(decoder *d, const entry_site *site, uint32_t s, uint32_t t, uint64_t place,
-                         uint8_t *u_block, float channels[3][COEFFICIENTS]) {
+static void finish_block(decoder *d, const entry_site *site, slf_block_address a, uint8_t *u_block,
+                         float channels[3][COEFFICIENTS]) {
   const layer_state *layer = d->layer;
   fine_block scratch;
   uint32_t group = 0, gain = layer->gains[STREAM_REST];
-  const fine_block *found = get_prediction(d, site, s, t, place, &group, &scratch);
+  const uint64_t place = (uint64_t)a.block_v * layer->public.block_u_count + a.block_u;
+  const fine_block *found = get_prediction(d, site, a.s, a.t, place, &group, &scratch);
   const int16_t(*prediction)[COEFFICIENTS] =
       found ? (const int16_t(*)[COEFFICIENTS]) * found : NULL;
   shift_window window, *shifted = NULL;
   if (is_shifted(d)) {
     shifted = &window;
-    fill_window(layer, group, place, d->rest.state.shift_u, d->rest.state.shift_v, &d->memo,
-                shifted);
+    fill_window(layer, group, a.block_u, a.block_v, d->rest.state.shift_u, d->rest.state.shift_v,
+                &d->memo, shifted);
   }
   if (u_block)
     levels_to_codes(layer, prediction, entry_levels(&d->rest.state), gain, shifted, u_block);
@@ -427,39 +436,44 @@ static void decode_channels(const layer_state *layer, uint32_t s, uint32_t t, ui
     return;
   }
   read_block(&d.rest, &site);
-  finish_block(&d, &site, s, t, place, NULL, channels);
+  slf_block_address a = {.s = (uint16_t)s,
+                         .t = (uint16_t)t,
+                         .block_u = (uint16_t)(place % layer->public.block_u_count),
+                         .block_v = (uint16_t)(place / layer->public.block_u_count)};
+  finish_block(&d, &site, a, NULL, channels);
 }
 
 /* ---- Batches ------------------------------------------------------------------------------- */
 
-/* What comes before a block's bits is done for blocks that follow, a step for each of three: a miss
- * takes some 80 ns, about as long as a block, and three dependent ones stand before the bits. */
-enum { FIND_AHEAD = 8, SEGMENT_AHEAD = 16, MAKE_AHEAD = 24, RING = 32 };
+/* What comes before a block's bits is done for blocks that follow, a step for each of two: a miss
+ * takes some 80 ns, about as long as a block, and dependent ones stand before the bits. */
+enum { FIND_AHEAD = 8, MAKE_AHEAD = 16, RING = 32 };
 
 typedef struct {
   entry_site site;
-  uint64_t place, byte;
+  uint64_t place, byte; /* at first of the segment, then of the entry */
   bool exists;
   bool is_key;
   bool follows; /* in the entry of the block before */
 } pending_block;
 
-static void make_pending(const layer_state *layer, slf_block_address a, const pending_block *before,
-                         pending_block *p) {
+static inline void make_pending(const layer_state *layer, slf_block_address a,
+                                const pending_block *before, pending_block *p) {
   const slf_layer *l = &layer->public;
+  p->follows = false;
   p->exists = a.block_u < l->block_u_count && a.block_v < l->block_v_count &&
               layer_has_slice(layer, a.s, a.t);
-  p->follows = false;
   if (!p->exists) return;
   p->place = (uint64_t)a.block_v * l->block_u_count + a.block_u;
   p->site = site_of_slice(layer, a.s, a.t, p->place);
   p->is_key = p->site.stream == &layer->streams[STREAM_KEYS];
   p->follows = before && (before->exists & (before->site.stream == p->site.stream) &
                           (before->site.entry == p->site.entry));
-  if (!p->follows) stream_prefetch_directory(&p->site.stream->blocks, p->site.entry);
+  if (!p->follows) p->byte = stream_prefetch_segment(&p->site.stream->blocks, p->site.entry);
 }
 
-static void find_pending(const pending_block *before, pending_block *p) {
+static inline void find_pending(const pending_block *before, pending_block *p) {
+  if (!p->exists) return;
   const block_stream *blocks = &p->site.stream->blocks;
   if (p->follows) {
     p->byte = before->byte;
@@ -472,19 +486,22 @@ static void find_pending(const pending_block *before, pending_block *p) {
   __builtin_prefetch((const void *)(begin + 64 - 136 * backwards));
 }
 
-/* What is to be done for blocks after the one at `i`, each a step behind the next. */
-static inline void look_ahead(const layer_state *layer, const slf_block_address *addresses,
-                              size_t count, size_t i, pending_block ring[RING]) {
-  size_t far = i + MAKE_AHEAD, middle = i + SEGMENT_AHEAD, near = i + FIND_AHEAD;
-  if (far < count)
-    make_pending(layer, addresses[far], far ? &ring[(far - 1) % RING] : NULL, &ring[far % RING]);
-  if (middle < count) {
-    pending_block *p = &ring[middle % RING];
-    if (p->exists && !p->follows)
-      p->byte = stream_prefetch_segment(&p->site.stream->blocks, p->site.entry);
-  }
-  if (near < count && ring[near % RING].exists)
-    find_pending(&ring[(near - 1) % RING], &ring[near % RING]);
+/* A run of blocks of one layer. */
+typedef struct {
+  const layer_state *layer;
+  const slf_block_address *addresses;
+  size_t count;
+  pending_block ring[RING];
+} batch;
+
+static inline void make_ahead(batch *b, size_t i) {
+  if (i < b->count)
+    make_pending(b->layer, b->addresses[i], i ? &b->ring[(i - 1) % RING] : NULL,
+                 &b->ring[i % RING]);
+}
+
+static inline void find_ahead(batch *b, size_t i) {
+  if (i < b->count) find_pending(&b->ring[(i - 1) % RING], &b->ring[i % RING]);
 }
 
 static inline void read_pending(decoder *d, const pending_block *p) {
@@ -496,17 +513,17 @@ static inline void read_pending(decoder *d, const pending_block *p) {
 }
 
 /* A block that was read. */
-static inline void finish_pending(decoder *d, const pending_block *p, uint32_t s, uint32_t t,
+static inline void finish_pending(decoder *d, const pending_block *p, slf_block_address a,
                                   uint8_t *u_block) {
   if (!p->exists)
     memset(u_block, 0, SLF_BLOCK_NBYTES);
   else if (p->is_key)
-    decode_key_slice(d, s, t, p->place, u_block, NULL);
+    decode_key_slice(d, a.s, a.t, p->place, u_block, NULL);
   else if (d->layer->public.angular == SLF_ANGULAR_NONE)
     levels_to_codes(d->layer, NULL, entry_levels(&d->rest.state), d->layer->gains[STREAM_REST],
                     NULL, u_block);
   else
-    finish_block(d, &p->site, s, t, p->place, u_block, NULL);
+    finish_block(d, &p->site, a, u_block, NULL);
 }
 
 static void decode_chained(const layer_state *layer, slf_block_address a, uint8_t *u_block) {
@@ -537,19 +554,22 @@ static void decode_batch(const layer_state *layer, const slf_block_address *addr
     return;
   }
   decoder d;
-  pending_block ring[RING];
+  batch b;
+  b.layer = layer;
+  b.addresses = addresses;
+  b.count = count;
   decoder_begin(&d, layer);
   if (count >= MANY_BLOCKS) prefetch_ac_tables(layer->streams[STREAM_REST].tables);
-  for (size_t ahead = MAKE_AHEAD; ahead; ahead--)
-    look_ahead(layer, addresses, count, (size_t)0 - ahead, ring);
-  look_ahead(layer, addresses, count, 0, ring);
+  for (size_t i = 0; i < MAKE_AHEAD; i++) make_ahead(&b, i);
+  for (size_t i = 0; i < FIND_AHEAD; i++) find_ahead(&b, i);
   for (size_t i = 0; i < count; i++) {
-    const pending_block *p = &ring[i % RING];
+    const pending_block *p = &b.ring[i % RING];
     read_pending(&d, p);
     /* Between the two, so that the levels' narrow stores have come to the cache when the
      * transform's wide loads ask for them. */
-    look_ahead(layer, addresses, count, i + 1, ring);
-    finish_pending(&d, p, addresses[i].s, addresses[i].t, u_blocks[i]);
+    make_ahead(&b, i + MAKE_AHEAD);
+    find_ahead(&b, i + FIND_AHEAD);
+    finish_pending(&d, p, addresses[i], u_blocks[i]);
   }
 }
 

@@ -33,13 +33,9 @@ uint64_t stream_find(const block_stream *stream, uint64_t entry);
 #define stream_check KERNEL(stream_check)
 slf_result stream_check(const block_stream *stream, const char *name, slf_error *error);
 
-/* The same in three steps, each of which reads what the one before asked for. */
+/* The same in two steps, the second of which reads what the first asked for. */
 static inline const uint8_t *stream_directory(const block_stream *stream, uint64_t entry) {
   return stream->bytes + entry / 2 / SEGMENT_PAIRS * DIRECTORY_ENTRY_NBYTES;
-}
-
-static inline void stream_prefetch_directory(const block_stream *stream, uint64_t entry) {
-  __builtin_prefetch(stream_directory(stream, entry));
 }
 
 /* Where the entry's segment begins: its head with the low bits, and where the high bits begin. */

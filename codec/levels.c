@@ -205,21 +205,31 @@ static inline void put_channel(const int16_t *levels, uint64_t places, int32_t d
 }
 #endif
 
-void levels_read(bit_reader *reader, const coded_levels *coded, const int32_t dc[3], bool adds,
-                 block_levels *block) {
-  int16_t levels[MOST_LEVELS + COEFFICIENTS],
-      *at = levels; /* behind them is room to load, to write */
-  unsigned bit_count;
-  if (!read_at_once(reader, coded, levels, &bit_count))
-    bit_count = read_one_by_one(reader, coded, levels);
+static inline __attribute__((always_inline)) void put_channels(const int16_t *levels,
+                                                               const coded_levels *coded,
+                                                               const int32_t dc[3], bool adds,
+                                                               block_levels *block) {
   block->ac_flags = (adds ? block->ac_flags : 0) | coded->flags;
+#pragma GCC unroll 3
   for (int channel = 0; channel < 3; channel++) {
     const uint64_t places = coded->places[channel];
     const unsigned last = 63 - (unsigned)__builtin_clzll(places | 1);
     const unsigned before = adds ? block->last_k[channel] : 0;
     block->last_k[channel] = last > before ? last : before;
-    put_channel(at, places, dc[channel], adds, block->levels[channel]);
-    at += __builtin_popcountll(places);
+    put_channel(levels, places, dc[channel], adds, block->levels[channel]);
+    levels += __builtin_popcountll(places);
   }
+}
+
+void levels_read(bit_reader *reader, const coded_levels *coded, const int32_t dc[3], bool adds,
+                 block_levels *block) {
+  int16_t levels[MOST_LEVELS + COEFFICIENTS]; /* behind them is room to load, to write */
+  unsigned bit_count;
+  if (!read_at_once(reader, coded, levels, &bit_count))
+    bit_count = read_one_by_one(reader, coded, levels);
+  if (adds)
+    put_channels(levels, coded, dc, true, block);
+  else
+    put_channels(levels, coded, dc, false, block);
   reader_jump(reader, bit_count);
 }

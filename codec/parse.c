@@ -47,7 +47,7 @@ parse_dc(const block_tables *tables, int code, bool present, bit_reader *r, int3
   int32_t found = 0;
   bool good = parse_long_dc(&tables->decoders[code], &copy, &found);
   *level = found;
-  *r = copy;
+  reader_update(r, &copy);
   return good;
 }
 
@@ -77,6 +77,15 @@ static inline void put_sizes(uint8_t *to, uint32_t sizes) {
   memcpy(to, &sizes, sizeof sizes);
 }
 
+/* The place behind the last one ahead of a place. */
+static inline uint64_t place_behind(uint64_t place, uint64_t ahead) {
+#ifdef __LZCNT__
+  return place + 64 - _lzcnt_u64(ahead);
+#else
+  return place + 63 - (unsigned)__builtin_clzll(ahead << 1 | 1);
+#endif
+}
+
 static inline __attribute__((always_inline)) void take_seen(channel_reader *c, bit_reader *r) {
   const uint64_t ahead = c->seen & ((1u << FAST_REACH) - 1);
   r->bits <<= c->taken & FAST_TAKEN;
@@ -84,7 +93,7 @@ static inline __attribute__((always_inline)) void take_seen(channel_reader *c, b
   put_sizes(c->sizes, spread_sizes(c->seen >> FAST_REACH));
   c->sizes += __builtin_popcountll(ahead);
   c->places |= ahead << (c->next & 63);
-  c->next += 63 - (unsigned)__builtin_clzll(ahead << 1 | 1);
+  c->next = place_behind(c->next, ahead);
 }
 
 /* Takes what a window shows, unless there is nothing to show or the channel ends: two in one, so
@@ -149,7 +158,7 @@ static inline __attribute__((always_inline)) bool parse_channel(const block_tabl
       bit_reader copy = *r;
       channel_reader there = c;
       good = parse_long(&tables->decoders[code], &copy, &there, &end);
-      *r = copy;
+      reader_update(r, &copy);
       c = there;
     }
     if (end || !good || __builtin_expect(c.next > COEFFICIENTS, 0)) break;
@@ -215,10 +224,20 @@ static __attribute__((noinline)) bool parse_long_shifts(const huffman_decoder *d
 
 static inline __attribute__((always_inline)) bool parse_shifts(const block_tables *tables,
                                                                bit_reader *r, block_head *head) {
+  refill(r);
+  unsigned u = tables->shift[r->bits >> (64 - FAST_DC_BITS)], u_bits = u & 255;
+  unsigned v = tables->shift[r->bits << u_bits >> (64 - FAST_DC_BITS)], v_bits = v & 255;
+  if (__builtin_expect(u_bits && v_bits && (u | v) >> 8 < 32, 1)) {
+    consume(r, u_bits + v_bits);
+    head->shift_u = (int)(u >> 8) - 16;
+    head->shift_v = (int)(v >> 8) - 16;
+    refill(r);
+    return true;
+  }
   bit_reader copy = *r;
   int shift_u, shift_v;
   bool good = parse_long_shifts(&tables->decoders[CODE_SHIFT], &copy, &shift_u, &shift_v);
-  *r = copy;
+  reader_update(r, &copy);
   head->shift_u = shift_u;
   head->shift_v = shift_v;
   return good;
@@ -269,7 +288,7 @@ static inline __attribute__((always_inline)) bool parse_head(const block_tables 
     block_head found = {0};
     bit_reader copy = *r;
     bool good = parse_long_head(tables, &copy, &found);
-    *r = copy;
+    reader_update(r, &copy);
     *head = found;
     return good;
   }
@@ -346,7 +365,7 @@ pass_step(const block_tables *tables, unsigned *state, unsigned *level_bits, bit
   bool good = pass_long(tables, &next, &bits, &copy);
   *state = next;
   *level_bits = bits;
-  *r = copy;
+  reader_update(r, &copy);
   return good;
 }
 

@@ -149,16 +149,22 @@ static slf_block_address address_of(slice_index slice, uint32_t block_u, uint32_
                              .block_v = (uint16_t)block_v};
 }
 
-static void count_decompression(cached_layer *layer, slf_block_address a) {
+static void count_samples(cached_layer *layer, uint64_t block, const slice_index *slices,
+                          size_t count) {
   block_cache_counts *counts = &layer->cache->counts;
-  uint64_t block = (uint64_t)a.block_v * layer->block_u_count + a.block_u;
-  uint64_t number = (block * layer->s_count + a.s) * layer->t_count + a.t;
-  uint8_t *byte = &layer->decompressed[number / 8], bit = (uint8_t)(1u << number % 8);
-  counts->decompressions++;
-  counts->frame_decompressions++;
-  counts->decompressions_again += (*byte & bit) != 0;
-  counts->frame_decompressions_again += (*byte & bit) != 0;
-  *byte |= bit;
+  const uint64_t first = block * layer->s_count * layer->t_count;
+  uint8_t *decompressed = layer->decompressed;
+  uint64_t again = 0;
+  for (size_t i = 0; i < count; i++) {
+    uint64_t number = first + (slices[i] >> 8) * layer->t_count + (slices[i] & 0xff);
+    uint8_t *byte = &decompressed[number / 8], before = *byte;
+    again += before >> number % 8 & 1;
+    *byte = (uint8_t)(before | 1u << number % 8);
+  }
+  counts->decompressions += count;
+  counts->frame_decompressions += count;
+  counts->decompressions_again += again;
+  counts->frame_decompressions_again += again;
 }
 
 static void store_half(const float rgb[3 * 64], uint8_t *u_block) {
@@ -229,40 +235,40 @@ static void decode_mean(const cached_layer *layer, slf_block_address a, uint8_t 
 
 /* Slices in the order in which slf_decode_blocks reads them fastest: 2x2 of them after each other,
  * in a round trip. */
-static uint32_t decoding_order(slice_index slice) {
-  uint32_t s = slice >> 8, t = slice & 0xff, place = t & 1 ? 3 - (s & 1) : s & 1;
-  return t / 2 << 9 | s / 2 << 2 | place;
+static int16_t decoding_order(slice_index slice) {
+  uint32_t s = slice >> 8, t = slice & 0xff, place = (s & 1) ^ (t & 1) * 3;
+  return (int16_t)((int32_t)(t / 2 << 9 | s / 2 << 2 | place) + INT16_MIN);
 }
 
-/* By counting for each how many come before it: eight comparisons at once and no branch beat fewer
+/* How many of the slices each comes behind: many comparisons at once and no branch beat fewer
  * comparisons, as long as there are few. */
-static void sort_for_decoding(slice_index *slices, uint8_t **targets, size_t count) {
-  uint32_t orders[BLOCK_MAX_SLICES];
-  slice_index unsorted_slices[BLOCK_MAX_SLICES];
-  uint8_t *unsorted_targets[BLOCK_MAX_SLICES];
-  for (size_t i = 0; i < count; i++) {
-    orders[i] = decoding_order(slices[i]);
-    unsorted_slices[i] = slices[i];
-    unsorted_targets[i] = targets[i];
-  }
-  for (size_t i = 0; i < count; i++) {
-    uint32_t rank = 0;
-    for (size_t k = 0; k < count; k++) rank += orders[k] < orders[i];
-    slices[rank] = unsorted_slices[i];
-    targets[rank] = unsorted_targets[i];
+static void rank_for_decoding(const slice_index *slices, size_t count,
+                              int16_t ranks[BLOCK_MAX_SLICES]) {
+  enum { AT_ONCE = 8 };
+  typedef int16_t some_orders __attribute__((vector_size(2 * AT_ONCE)));
+  int16_t orders[BLOCK_MAX_SLICES + AT_ONCE];
+  for (size_t i = 0; i < count; i++) orders[i] = decoding_order(slices[i]);
+  memset(orders + count, 0, AT_ONCE * sizeof *orders);
+  for (size_t i = 0; i < count; i += AT_ONCE) {
+    some_orders some, rank = {0};
+    memcpy(&some, orders + i, sizeof some);
+    for (size_t k = 0; k < count; k++) rank -= orders[k] < some;
+    memcpy(ranks + i, &rank, sizeof rank);
   }
 }
 
 static void count_decompressions(cached_layer *layer, uint32_t block_u, uint32_t block_v,
                                  const slice_index *slices, size_t count) {
+  const uint64_t block = (uint64_t)block_v * layer->block_u_count + block_u;
+  if (layer->level == 0) {
+    count_samples(layer, block, slices, count);
+    return;
+  }
   for (size_t i = 0; i < count; i++) {
-    slice_index samples[ANGULAR_MAX_SAMPLES] = {slices[i]};
-    size_t sample_count = 1;
-    if (layer->level > 0)
-      sample_count =
-          angular_samples(layer->s_count, layer->t_count, layer->level, slices[i], samples);
-    for (size_t k = 0; k < sample_count; k++)
-      count_decompression(layer, address_of(samples[k], block_u, block_v));
+    slice_index samples[ANGULAR_MAX_SAMPLES];
+    size_t sample_count =
+        angular_samples(layer->s_count, layer->t_count, layer->level, slices[i], samples);
+    count_samples(layer, block, samples, sample_count);
   }
 }
 
@@ -277,22 +283,26 @@ static void decompress(const cached_layer *layer, const slf_block_address *addre
     decode_half(layer, addresses, count, targets);
 }
 
-/* Slices of one place, put in order, and their addresses. */
-static void order_place(const cached_layer *layer, uint32_t block_u, uint32_t block_v,
-                        slice_index *slices, uint8_t **targets, size_t count,
-                        slf_block_address *addresses) {
-  if (layer->level == 0) sort_for_decoding(slices, targets, count);
-  for (size_t i = 0; i < count; i++) addresses[i] = address_of(slices[i], block_u, block_v);
+/* The addresses of a place's slices, put in order, and where they go. */
+static void order_place(uint32_t block_u, uint32_t block_v, const slice_index *slices,
+                        uint8_t *const *targets, size_t count, slf_block_address *addresses,
+                        uint8_t **ordered_targets) {
+  int16_t ranks[BLOCK_MAX_SLICES];
+  rank_for_decoding(slices, count, ranks);
+  for (size_t i = 0; i < count; i++) {
+    addresses[ranks[i]] = address_of(slices[i], block_u, block_v);
+    ordered_targets[ranks[i]] = targets[i];
+  }
 }
 
 /* A slot for a block that is missing. */
-static uint8_t *take_slot(block_cache *cache, table_entry *entry, uint64_t key) {
+static uint32_t take_slot(block_cache *cache, table_entry *entry, uint64_t key) {
   uint32_t slot = cache->free_slots[--cache->free_count];
   *entry = (table_entry){.key = key, .slot = slot, .stamp = cache->stamp};
   cache->slot_keys[slot] = key;
   cache->slot_frames[slot] = cache->frame;
   cache->resident++;
-  return cache->u_blocks + (size_t)slot * cache->u_block_nbytes;
+  return slot;
 }
 
 static uint64_t place_key(const cached_layer *layer, uint32_t block_u, uint32_t block_v) {
@@ -304,21 +314,27 @@ static size_t look_up(cached_layer *layer, uint32_t block_u, uint32_t block_v,
                       const slice_index *slices, size_t count, const uint8_t **u_blocks,
                       slice_index *missing, uint8_t **targets) {
   block_cache *cache = layer->cache;
+  table_entry *const table = cache->table;
+  uint8_t *const first_u_block = cache->u_blocks;
+  const size_t u_block_nbytes = cache->u_block_nbytes;
+  const uint32_t stamp = cache->stamp;
   size_t missing_count = 0;
   uint64_t base = place_key(layer, block_u, block_v), homes[BLOCK_MAX_SLICES];
   for (size_t i = 0; i < count; i++) {
     homes[i] = home_of(cache, base | slices[i]);
-    __builtin_prefetch(&cache->table[homes[i]]);
+    __builtin_prefetch(&table[homes[i]]);
   }
   for (size_t i = 0; i < count; i++) {
     uint64_t key = base | slices[i];
-    table_entry *entry = &cache->table[find_from(cache, homes[i], key)];
+    table_entry *entry = &table[find_from(cache, homes[i], key)];
+    uint32_t slot = entry->slot;
     if (entry->key != key) {
+      slot = take_slot(cache, entry, key);
       missing[missing_count] = slices[i];
-      targets[missing_count++] = take_slot(cache, entry, key);
+      targets[missing_count++] = first_u_block + slot * u_block_nbytes;
     }
-    entry->stamp = cache->stamp;
-    u_blocks[i] = cache->u_blocks + (size_t)entry->slot * cache->u_block_nbytes;
+    entry->stamp = stamp;
+    u_blocks[i] = first_u_block + slot * u_block_nbytes;
   }
   cache->counts.lookups += count;
   cache->counts.frame_lookups += count;
@@ -332,15 +348,15 @@ static void fetch_blocks(void *context, uint32_t block_u, uint32_t block_v,
                          const slice_index *slices, size_t count, const uint8_t **u_blocks) {
   cached_layer *layer = context;
   slice_index missing[BLOCK_MAX_SLICES];
-  uint8_t *targets[BLOCK_MAX_SLICES];
+  uint8_t *targets[BLOCK_MAX_SLICES], *ordered_targets[BLOCK_MAX_SLICES];
   slf_block_address addresses[BLOCK_MAX_SLICES];
   assert(count <= BLOCK_MAX_SLICES && !layer->cache->is_fetching);
   begin_fetch(layer->cache, count);
   size_t missing_count =
       look_up(layer, block_u, block_v, slices, count, u_blocks, missing, targets);
   if (missing_count == 0) return;
-  order_place(layer, block_u, block_v, missing, targets, missing_count, addresses);
-  decompress(layer, addresses, targets, missing_count);
+  order_place(block_u, block_v, missing, targets, missing_count, addresses, ordered_targets);
+  decompress(layer, addresses, ordered_targets, missing_count);
 }
 
 static void fetch_blocks_later(void *context, uint32_t block_u, uint32_t block_v,
@@ -348,6 +364,7 @@ static void fetch_blocks_later(void *context, uint32_t block_u, uint32_t block_v
   cached_layer *layer = context;
   block_cache *cache = layer->cache;
   slice_index missing[BLOCK_MAX_SLICES];
+  uint8_t *targets[BLOCK_MAX_SLICES];
   if (cache->is_fetching) {
     assert(cache->missing_layer == layer && cache->latest_count + count <= BLOCK_MAX_SLICES);
     cache->latest_count += count;
@@ -357,12 +374,12 @@ static void fetch_blocks_later(void *context, uint32_t block_u, uint32_t block_v
     cache->missing_layer = layer;
     cache->missing_count = 0;
   }
-  uint8_t **targets = cache->missing_targets + cache->missing_count;
   size_t missing_count =
       look_up(layer, block_u, block_v, slices, count, u_blocks, missing, targets);
   if (missing_count == 0) return;
-  order_place(layer, block_u, block_v, missing, targets, missing_count,
-              cache->missing_addresses + cache->missing_count);
+  order_place(block_u, block_v, missing, targets, missing_count,
+              cache->missing_addresses + cache->missing_count,
+              cache->missing_targets + cache->missing_count);
   cache->missing_count += missing_count;
 }
 
@@ -408,9 +425,9 @@ static void decompress_run(void *context, uint64_t i) {
   block_cache *cache = context;
   const announced_run *run = &cache->runs[i];
   slf_block_address addresses[BLOCK_MAX_SLICES];
-  uint8_t **targets = cache->announced_targets + run->first;
-  order_place(run->layer, run->block_u, run->block_v, cache->announced_slices + run->first, targets,
-              run->count, addresses);
+  uint8_t *targets[BLOCK_MAX_SLICES];
+  order_place(run->block_u, run->block_v, cache->announced_slices + run->first,
+              cache->announced_targets + run->first, run->count, addresses, targets);
   decompress(run->layer, addresses, targets, run->count);
 }
 
@@ -424,7 +441,8 @@ void block_cache_decompress_announced(block_cache *cache, uint32_t thread_count,
     uint64_t base = place_key(run->layer, run->block_u, run->block_v);
     for (uint32_t k = run->first; k < run->first + run->count; k++) {
       uint64_t key = base | cache->announced_slices[k];
-      cache->announced_targets[k] = take_slot(cache, &cache->table[find_entry(cache, key)], key);
+      uint32_t slot = take_slot(cache, &cache->table[find_entry(cache, key)], key);
+      cache->announced_targets[k] = cache->u_blocks + slot * cache->u_block_nbytes;
     }
     count_decompressions(run->layer, run->block_u, run->block_v,
                          cache->announced_slices + run->first, run->count);
