@@ -163,7 +163,7 @@ static void write_layer(const char *folder, const surface *self, uint32_t asked_
                                .v_count = self->v_count,
                                .s_count = self->s_count,
                                .t_count = self->t_count,
-                               .quality = 90,
+                               .quality = role == SLF_ROLE_COVERAGE ? 75 : 90,
                                .height_unit = role == SLF_ROLE_HEIGHT ? (float)self->layers : 0};
   check(slf_writer_add_layer(writer, &options, &source, &error), &error);
   if (role == SLF_ROLE_FULL && self->s_count * self->t_count > 1 && !reader.varies)

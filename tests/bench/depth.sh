@@ -66,8 +66,8 @@ gain() { # SCENE SURFACES PAPER.slf DEPTH.slf
     printf "  \"depth_psnr_%s_four_tap\": %.2f,\n  \"depth_psnr_%s\": %.2f,\n", s, p, s, d
     printf "  \"depth_flip_%s_four_tap\": %.4f,\n  \"depth_flip_%s\": %.4f,\n", s, fp, s, fd }'
 }
-heights_share() { # FILE SURFACE: of the surface's bytes
-  build/slf info "$1" | awk -v name="$2" '/^surface/ { on = $3 == name } on && $1 == "layer" { height = $3 == "height," }
+heights_share() { # FILE SURFACE: of the surface's bytes, with the heights' coverage
+  build/slf info "$1" | awk -v name="$2" '/^surface/ { on = $3 == name } on && $1 == "layer" { height = $3 == "height," || $3 == "coverage," }
     on && $2 == "MB" { sum += $1; if (height) heights += $1 } END { printf "  \"depth_heights_share_%s\": %.3f,\n", name, heights/sum }'
 }
 

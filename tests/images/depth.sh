@@ -1,5 +1,5 @@
 #!/bin/bash
-# A mirror floor baked as layers (8x8 directions, 128x128 texels, one ray) against POV-Ray's own renders
+# A mirror floor baked as layers (8x8 directions, 128x128 texels) against POV-Ray's own renders
 # at views that nothing was tuned on, beside the same file mixed the paper's way. Run from the
 # repository's root once build/check-floor-layers.slf and build/check-pond-layers.slf are baked.
 set -u
@@ -30,7 +30,7 @@ while read -r view margin; do
   check "mirror floor by depth, $view, is 8 dB better than four taps" "${psnr:-0} >= ${paper:-99} + 8"
 done <<END
 corner 27.1
-gallery 32.2
+gallery 32.0
 above 31.6
 END
 # Frame after frame, each texel looked for where it was: POV-Ray's reflections move, ours do not jump.
@@ -40,9 +40,8 @@ read -r drop < <(tr ' ' '\n' <<< "$flight" | awk -F: '$1 == "depth_flight_worst_
 check "no frame of a flight past a column is 1.5 dB below its neighbours" "${drop:-9} <= 1.5"
 # What the mix remembers from frame to frame must not outlive its truth: after so many frames of that
 # flight the picture is the one that a viewer draws that has just been opened there. Worst of the
-# frames compared: 34.9 dB when this was written, 35.1 where a texel kept for half as long (16 frames)
-# what only some of the slices agreed on. Before the mix asked how much of a texel is covered that was
-# 33.5 dB with 16 frames and 28.2 with 32, which took bites out of the reflected ball.
+# frames compared: 37.6 dB; 34.9 without coverage, and before the mix asked how much of a texel is covered at
+# all 28.2, which took bites out of the reflected ball.
 camera_at() { awk -v n="$1" 'BEGIN { printf "%.6f,1.4,-3.6,0.6,0.5,1.5,70", 0.6 - 3.2*n/199 }'; }
 draw() { # OUT OPTION...
   build/slfview build/check-pond-layers.slf --size 160x120 --backend osmesa --output "$@" > "$out/log" 2>&1 || cat "$out/log" >&2
@@ -55,7 +54,7 @@ worst=$(for n in {12..60..8}; do
   build/tests/images/compare "$out/opened.png" "$out/flown-$(printf %04d "$n").png" "$out/flown-mask.png" || echo 0
 done | sort -n | awk 'NR == 1 { worst = $1 } END { print NR == 7 ? worst : 0 }')
 echo "# figure: flown to and opened there: $worst dB at worst"
-check "60 frames of flight leave nothing in the picture that a fresh look would not show" "${worst:-0} >= 33.6"
-check "heights cost less than a fifth of the floor" \
+check "60 frames of flight leave nothing in the picture that a fresh look would not show" "${worst:-0} >= 36.6"
+check "heights and coverage cost less than a fifth of the floor" \
   "$(build/slf info $file | awk '/^surface/ { floor = $3 == "floor" } floor && $2 == "MB" { kept[n++] = $1 }
-     END { printf "%g <= 0.2 * (%g + %g + %g)", kept[2], kept[0], kept[1], kept[2] }')"
+     END { heights = kept[2] + kept[3]; printf "%g <= 0.2 * (%g + %g + %g)", heights, kept[0], kept[1], heights }')"
