@@ -1662,7 +1662,7 @@ static uint64_t cover(depth_field *field, depth_rays *rays, const depth_guess *g
     look_for(field, &b, s, &code, &v);
   }
   const f8 share = v.covered / (SLF_COVERED_BY_NONE * larger(v.seen + v.passed, all(1e-3f)));
-  f8 coverage = smaller(larger((share - 0.5f) * SHARPEN + 0.5f, all(0)), all(1));
+  f8 coverage = smaller(larger((share - 0.5f) * field->sharpen + 0.5f, all(0)), all(1));
   coverage = choose(v.seen * (float)MOST_TIMES < all(ACROSS), all(0), coverage);
   unsigned mask = mask_bits(coverage > all(LEAST_COVERAGE)) & ((1u << guess->count) - 1);
   if (!mask) return 0;

@@ -21,6 +21,7 @@ typedef struct {
                              slab;    NULL: there is none */
   float texel_u, texel_v; /* texels of light per texel mixed */
   float scale[4];         /* see flat_texel_scale */
+  float sharpen;          /* outlines by so much */
   bool shared; /* with other threads: a page that is not there is noted, not brought in */
   bool missed; /* one was not there: what came out is worth nothing */
 } depth_field;
@@ -151,10 +152,11 @@ enum {
  * units, or that has hardly any weight. */
 #define LEAST_REACH 0.1f
 #define LEAST_WITNESS 0.03f
-/* The share of the slices' weights that see a thing goes from 0 to 1 over a texel of theirs along
- * its outline; the outline is this many times narrower, or it looks blurred beside what is drawn.
- */
-#define SHARPEN 1.7f
+/* The share of the slices' weights that see a thing goes from 0 to 1 along a line across its
+ * outline at three quarters, in the middle, of what the coverage of a texel of theirs does, as it
+ * is interpolated; the outline is this many times narrower, and where finer texels are mixed. */
+#define SHARPEN (4.0f / 3)
+#define SHARPEN_FINER 1.7f
 /* Codes by which what covers a texel lies off its guess for another look to be taken. */
 #define LEAST_MOVE 0.5f
 /* What covers less of a texel does not count. */

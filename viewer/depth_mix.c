@@ -457,6 +457,7 @@ depth_mixer *depth_mixer_create(const depth_sources *sources, const slf_surface 
   depth_field *f = &m->field;
   f->texel_u = (float)reflected->u_count / (float)u_count;
   f->texel_v = (float)reflected->v_count / (float)v_count;
+  f->sharpen = f->texel_u < 1 ? SHARPEN_FINER : SHARPEN;
   f->unit = sources->heights.layer->height_unit;
   bool wrap_u = surface->flags & SLF_SURFACE_WRAP_U;
   bool flat = flat_texel_scale(&surface->mesh, reflected->u_count, reflected->v_count, f->scale);
