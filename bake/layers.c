@@ -31,8 +31,8 @@ typedef struct {
   size_t texel_count, image_size; /* of a slice: texels, numbers */
 } chunk;
 
-/* Of each slice, below each other; the last if asked for. */
-enum { PART_OWN, PART_REFLECTED, PART_HEIGHT, PART_COVERAGE };
+/* Parts of a slice that is split, before coverage joins them. */
+enum { SPLIT_PARTS = PART_COVERAGE };
 
 static chunk open_chunk(surface *self, uint32_t rays, uint32_t chunk_index) {
   uint32_t slice_count;
@@ -75,9 +75,9 @@ static void split(const chunk *c, const char *full_path, const char *fog_path, c
     fail("surface '%s' cannot be baked as layers: no fog is seen from it: is its middle inside a "
          "thing?",
          c->self->name);
-  float *parts = allocate(PART_COVERAGE * c->image_size * c->range.count, sizeof *parts, out);
+  float *parts = allocate(SPLIT_PARTS * c->image_size * c->range.count, sizeof *parts, out);
   for (uint32_t k = 0; k < c->range.count; k++) {
-    float *own = parts + PART_COVERAGE * k * c->image_size;
+    float *own = parts + SPLIT_PARTS * k * c->image_size;
     float *reflected = own + c->image_size, *height = reflected + c->image_size;
     for (size_t i = 0; i < c->texel_count; i++) {
       size_t from = (k * c->texel_count + i) * 3;
@@ -86,20 +86,20 @@ static void split(const chunk *c, const char *full_path, const char *fog_path, c
       put_gray(height, i, distance * slice_n(c, k));
     }
   }
-  image_write(out, c->self->u_count, PART_COVERAGE * row_count, parts);
+  image_write(out, c->self->u_count, SPLIT_PARTS * row_count, parts);
   free(parts);
   for (int i = 0; i < FOG_COUNT; i++) free(through[i]);
   free(full);
 }
 
 static float *read_parts(const chunk *c, const char *path) {
-  return read_means(path, c->self, PART_COVERAGE * c->range.count * c->self->v_count);
+  return read_means(path, c->self, SPLIT_PARTS * c->range.count * c->self->v_count);
 }
 
 static void print_outlines(const chunk *c, const char *split_path) {
   float *parts = read_parts(c, split_path);
   outline_list found = outlines_find(c->self, parts + PART_HEIGHT * c->image_size,
-                                     PART_COVERAGE * c->image_size, c->range.count);
+                                     SPLIT_PARTS * c->image_size, c->range.count);
   outlines_write(&found, stdout, c->self->name);
   free(found.texels);
   free(parts);
@@ -136,7 +136,7 @@ static float *read_outline_frame(const chunk *c, const outline_list *outlines, c
 
 static void add_coverage(const chunk *c, const char *split_path, const char *fog_path,
                          const char *outlines_path, const char *frame_path, const char *out) {
-  const size_t part_size = PART_COVERAGE * c->image_size, size = part_size + c->image_size;
+  const size_t part_size = SPLIT_PARTS * c->image_size, size = part_size + c->image_size;
   outline_list outlines = outlines_read(outlines_path, c->self, c->range.count);
   float *parts = read_parts(c, split_path);
   float *black = read_through(c, fog_path, NEAR_BLACK),
@@ -156,7 +156,7 @@ static void add_coverage(const chunk *c, const char *split_path, const char *fog
     if (reflectance > 0)
       put_gray(all + k * size + part_size, texel, coverage_of(c, k, own, reflectance, seen));
   }
-  image_write(out, c->self->u_count, (PART_COVERAGE + 1) * c->range.count * c->self->v_count, all);
+  image_write(out, c->self->u_count, (SPLIT_PARTS + 1) * c->range.count * c->self->v_count, all);
   free(frame);
   free(all);
   free(white);

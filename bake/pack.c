@@ -22,10 +22,6 @@ static void check(slf_result result, const slf_error *error) {
   if (result != SLF_OK) fail("%s", error->message);
 }
 
-/* A chunk of a surface with layers has for each slice these, below each other (layers.c); the last
- * of them perhaps not. */
-enum { PART_OWN, PART_REFLECTED, PART_HEIGHT, PART_COVERAGE };
-
 /* Where the encoder reads slices: the chunks of one surface, one of them open at a time. */
 typedef struct {
   const char *folder;
@@ -75,11 +71,11 @@ static slf_result read_slice(void *context, uint32_t s, uint32_t t, float *rgb, 
   open_chunk(reader, place / reader->slices_per_chunk);
   uint32_t image_index = place % reader->slices_per_chunk * reader->part_count + reader->part;
   image_read_rows(reader->chunk, "RGB", image_index * self->v_count, self->v_count, rgb);
-  const bool heights = reader->part == PART_HEIGHT;
-  for (size_t i = 0; reader->part >= PART_HEIGHT && i < (size_t)self->u_count * self->v_count * 3;
-       i++)
-    rgb[i] = slf_linear_from_srgb(heights ? slf_code_from_height(rgb[i], (float)self->layers)
-                                          : code_from_coverage(rgb[i]));
+  const size_t count = (size_t)self->u_count * self->v_count * 3;
+  for (size_t i = 0; reader->part == PART_HEIGHT && i < count; i++)
+    rgb[i] = slf_linear_from_srgb(slf_code_from_height(rgb[i], (float)self->layers));
+  for (size_t i = 0; reader->part == PART_COVERAGE && i < count; i++)
+    rgb[i] = slf_linear_from_srgb(code_from_coverage(rgb[i]));
   if (!reader->varies) watch_variation(reader, rgb);
   return SLF_OK;
 }
@@ -149,11 +145,9 @@ static void report_holes(const char *folder, const surface *self, uint32_t asked
 static void write_layer(const char *folder, const surface *self, uint32_t asked_rays,
                         slf_role role) {
   slf_error error;
-  const uint32_t rays = surface_rays(self, asked_rays);
-  const uint32_t part_count = PART_COVERAGE + surface_has_coverage(self, asked_rays);
-  slice_reader reader = role == SLF_ROLE_FULL
-                            ? open_slices(folder, self, rays, 0, 1)
-                            : open_slices(folder, self, rays, role - SLF_ROLE_OWN, part_count);
+  const uint32_t part = role == SLF_ROLE_FULL ? 0 : PART_OWN + role - SLF_ROLE_OWN;
+  slice_reader reader = open_slices(folder, self, surface_rays(self, asked_rays), part,
+                                    surface_part_count(self, asked_rays));
   slf_source source = {.read_slice = read_slice, .context = &reader};
   bool hdr = self->hdr && role < SLF_ROLE_HEIGHT;
   slf_layer_options options = {.role = role,
@@ -212,12 +206,9 @@ int main(int argc, char **argv) {
     const surface *self = &whole->surfaces[i];
     write_geometry(self);
     report_holes(folder, self, asked_rays);
-    const bool layers = surface_has_layers(self);
-    const slf_role last =
-        surface_has_coverage(self, asked_rays) ? SLF_ROLE_COVERAGE : SLF_ROLE_HEIGHT;
-    for (slf_role role = layers ? SLF_ROLE_OWN : SLF_ROLE_FULL;
-         role <= (layers ? last : SLF_ROLE_FULL); role++)
-      write_layer(folder, self, asked_rays, role);
+    const slf_role first = surface_has_layers(self) ? SLF_ROLE_OWN : SLF_ROLE_FULL;
+    for (uint32_t part = 0; part < surface_part_count(self, asked_rays); part++)
+      write_layer(folder, self, asked_rays, first + part);
   }
   slf_result finished = slf_writer_finish(writer, &error);
   writer = NULL; /* freed either way */

@@ -63,7 +63,7 @@ static void add_surface(tally *sum, const char *folder, const surface *self, uin
     sum->samples_outside += texels * (self->s_count * self->t_count - slice_count);
   }
   sum->nbytes += (uint64_t)self->u_count * self->v_count * slice_count * 6 *
-                 (surface_has_layers(self) ? 3 + surface_has_coverage(self, asked_rays) : 1);
+                 surface_part_count(self, asked_rays);
   for (uint32_t i = 0; i < chunk_count; i++) {
     uint64_t chunk_rays = slice_rays * surface_chunk(self, rays, i).count;
     path = format_text("%s/%s/%04u.exr", folder, self->name, i);

@@ -192,8 +192,9 @@ uint32_t surface_rays(const surface *self, uint32_t asked) {
   return surface_has_layers(self) ? 1 : asked;
 }
 
-bool surface_has_coverage(const surface *self, uint32_t asked_rays) {
-  return surface_has_layers(self) && asked_rays > 1;
+uint32_t surface_part_count(const surface *self, uint32_t asked_rays) {
+  if (!surface_has_layers(self)) return 1;
+  return asked_rays > 1 ? PART_COVERAGE + 1 : PART_COVERAGE;
 }
 
 int64_t surface_texel(const surface *self, int64_t i, int64_t j) {

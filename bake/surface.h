@@ -64,9 +64,10 @@ bool surface_has_layers(const surface *);
  * one takes the middle one, which starts from the texel's centre (sample.h). */
 uint32_t surface_rays(const surface *, uint32_t asked);
 
-/* Whether its layers come with their coverage, which all rays that are asked for tell (outline.h).
- */
-bool surface_has_coverage(const surface *, uint32_t asked_rays);
+/* What a chunk has of each slice, below each other: of layers these, the last of them only if more
+ * than one ray is asked for, as all of them tell it (outline.h); else one image. */
+enum { PART_OWN, PART_REFLECTED, PART_HEIGHT, PART_COVERAGE };
+uint32_t surface_part_count(const surface *, uint32_t asked_rays);
 
 /* The texel at (i, j), wherever the surface wraps; -1 beyond its edge. */
 int64_t surface_texel(const surface *, int64_t i, int64_t j);

@@ -152,9 +152,8 @@ enum {
  * units, or that has hardly any weight. */
 #define LEAST_REACH 0.1f
 #define LEAST_WITNESS 0.03f
-/* The share of the slices' weights that see a thing goes from 0 to 1 along a line across its
- * outline at three quarters, in the middle, of what the coverage of a texel of theirs does, as it
- * is interpolated; the outline is this many times narrower, and where finer texels are mixed. */
+/* Coverage that is interpolated between texels rises three quarters as steeply across an outline as
+ * a texel's own would: by how much it is made steeper, and where finer texels are mixed. */
 #define SHARPEN (4.0f / 3)
 #define SHARPEN_FINER 1.7f
 /* Codes by which what covers a texel lies off its guess for another look to be taken. */

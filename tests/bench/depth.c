@@ -86,7 +86,7 @@ static void measure_mix(const slf_file *file, uint32_t fineness, const char *nam
   const block_source light = block_cache_layer(cache, index, k);
   depth_sources sources = {
       {layer, light}, {layer + 1, block_cache_layer(cache, index, k + 1)}, {NULL, {0}}};
-  if (k + 2 < s->layer_count)
+  if (k + 2 < s->layer_count && layer[2].role == SLF_ROLE_COVERAGE)
     sources.coverage = (depth_source){layer + 2, block_cache_layer(cache, index, k + 2)};
   if (!texture_create(&four_tap, &s->mesh, layer, light, UV_DICE_PX) ||
       !texture_create(&by_depth, &s->mesh, &finer, light, UV_DICE_PX) ||

@@ -651,6 +651,46 @@ static void other_versions_are_refused(void **state) {
   free(bytes);
 }
 
+/* Heights alone have a unit. */
+static void layers_have_roles(void **state) {
+  (void)state;
+  slf_error error;
+  slf_writer *writer;
+  slf_file *file;
+  slf_surface surface = {.name = "mirror"};
+  analytic field = {8, 8, 1, 1, 0};
+  slf_source source = {read_slice, &field, NULL};
+  slf_layer_options options = {
+      .u_count = 8, .v_count = 8, .s_count = 1, .t_count = 1, .quality = 75};
+  MUST(slf_writer_create(path, &writer, &error));
+  MUST(slf_writer_add_surface(writer, &surface, &error));
+  for (int role = SLF_ROLE_OWN; role <= SLF_ROLE_COVERAGE; role++) {
+    options.role = (slf_role)role;
+    options.height_unit = role == SLF_ROLE_HEIGHT ? 2 : 0;
+    MUST(slf_writer_add_layer(writer, &options, &source, &error));
+  }
+  MUST(slf_writer_finish(writer, &error));
+  MUST(slf_open(path, &file, &error));
+  for (int k = 0; k < 4; k++) {
+    const slf_layer *layer = &slf_get_surface(file, 0)->layers[k];
+    assert_int_equal(layer->role, SLF_ROLE_OWN + k);
+    assert_true(layer->height_unit == (layer->role == SLF_ROLE_HEIGHT ? 2 : 0));
+  }
+  slf_close(file);
+  const struct {
+    int role;
+    float unit;
+  } wrong[] = {
+      {SLF_ROLE_COVERAGE + 1, 0}, {SLF_ROLE_COVERAGE, 2}, {SLF_ROLE_HEIGHT, 0}, {SLF_ROLE_OWN, 2}};
+  for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+    MUST(slf_writer_create(path, &writer, &error));
+    MUST(slf_writer_add_surface(writer, &surface, &error));
+    options.role = (slf_role)wrong[i].role, options.height_unit = wrong[i].unit;
+    assert_int_equal(slf_writer_add_layer(writer, &options, &source, &error), SLF_ERROR_ARGUMENT);
+    slf_writer_abort(writer);
+  }
+}
+
 static void nothing_is_seen_before_the_end(void **state) {
   (void)state;
   unlink(path);
@@ -686,6 +726,7 @@ int main(void) {
                                      cmocka_unit_test(own_colours_follow_the_texels),
                                      cmocka_unit_test(encoding_again_is_stable),
                                      cmocka_unit_test(other_versions_are_refused),
+                                     cmocka_unit_test(layers_have_roles),
                                      cmocka_unit_test(nothing_is_seen_before_the_end)};
   return cmocka_run_group_tests_name("codec_file", tests, make_path, remove_path);
 }
