@@ -2,8 +2,8 @@
 # All scenes but floor (floor.sh) against POV-Ray's own renders, at three views each that no bake looks at
 # and that nothing was tuned on; of chess the board's middle, as 32 pieces would take a minute.
 # Bakes and pictures are small, so that light fields of 4 or 8 directions blur what mirrors and glass show, but as layers;
-# the bounds are what these gave, less half a dB, of the gallery, whose truth has a radiosity of its own
-# each time, a dB.  scenes.sh [SCENE...]: those scenes only.
+# the bounds are what these gave, less half a dB. Truths are rendered by one thread: with several the gallery's
+# radiosity comes out anew each time, once 1.6 dB off.  scenes.sh [SCENE...]: those scenes only.
 set -u
 size=120x90
 out=build/tap/scenes
@@ -20,7 +20,7 @@ check() { # WHAT CONDITION: an awk condition
 measure() {
   local scene=$1 view=$3 pair=$out/$1-$3 declare=()
   for value in $4; do declare+=("Declare=$value"); done
-  tests/truth "$scene" "$view" $size 2 "$pair-truth.png" "${declare[@]}" &&
+  tests/truth "$scene" "$view" $size 2 "$pair-truth.png" +WT1 "${declare[@]}" &&
     build/slfview "build/$2.slf" --view "$view" --size $size --samples 2 --backend osmesa --output "$pair.png" &&
     build/tests/images/compare "$pair-truth.png" "$pair.png" "$white"
 }
@@ -36,7 +36,7 @@ cube|check-scene-cube-layers|Texels=64 Directions=8 Slf_Layers=4|front 20.9|left
 bottle|check-scene-bottle|Texels=64 Directions=8|front 24.8|side 23.2|above 25.9
 bottle|check-scene-bottle-layers|Texels=96 Along=2 Directions=6 Slf_Layers=4|front 26.8|side 25.7|above 27.7
 pond|check-pond||shore 24.2|windows 24.7|column 24.8
-gallery|check-scene-gallery|Texels=64 Directions=4 Fine=0|entrance 25.8|ball 24.3|sculpture 23.8
+gallery|check-scene-gallery|Texels=64 Directions=4 Fine=0|entrance 25.8|ball 24.9|sculpture 24.5
 chess|check-scene-chess|Texels=256 Directions=4 Most=0|middle 26.4|across 17.7|squares 25.7
 END
 }
