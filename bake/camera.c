@@ -306,8 +306,9 @@ static void write_outline_camera(const shot *self, const outline_list *outlines)
 
 int main(int argc, char **argv) {
   if (argc != 6 && argc != 8 && argc != 9) {
-    fputs("usage: camera FOLDER SURFACE RAYS SCENE.pov CHUNK|cover|light|probe|tests|match|cost "
-          "[FOG_DISTANCE FOG_GREY [OUTLINES]] > OUT.pov\n"
+    fputs("usage: camera FOLDER SURFACE RAYS SCENE.pov "
+          "CHUNK|smooth-CHUNK|cover|light|probe|tests|match|cost\n"
+          "              [FOG_DISTANCE FOG_GREY [OUTLINES]] > OUT.pov\n"
           "OUTLINES: of the chunk (outline.h), seen by all rays\n",
           stderr);
     return 2;
@@ -316,6 +317,7 @@ int main(int argc, char **argv) {
   surface *on = surface_read(folder, argv[2]);
   uint32_t table_rays = (uint32_t)atoi(argv[3]);
   uint32_t rays = table_rays, hole_count, width, height;
+  const bool smooth = !strncmp(what, SMOOTH_PREFIX, strlen(SMOOTH_PREFIX));
   if (strspn(what, "0123456789") == strlen(what)) rays = surface_rays(on, table_rays);
   if (!strcmp(what, "tests") || !strcmp(what, "match")) rays = 1;
   shot self = {.self = on, .grid = grid_of_all(on), .planar = on->planar, .table_rays = table_rays};
@@ -340,7 +342,9 @@ int main(int argc, char **argv) {
     else if (!strcmp(what, "cost"))
       self.views = light_views(on, rays), self.grid = cost_grid(on);
     else
-      self.views = views_of_chunk(on, rays, (uint32_t)atoi(what));
+      self.views = views_of_chunk(on, table_rays, rays,
+                                  (uint32_t)atoi(what + (smooth ? strlen(SMOOTH_PREFIX) : 0))),
+      self.apart = smooth;
   }
   self.table = table;
   self.sources = sources;

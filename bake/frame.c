@@ -23,9 +23,10 @@ void view_of_slice(uint32_t s_count, uint32_t t_count, slice at, uint32_t rays, 
   }
 }
 
-view_list views_of_chunk(const surface *self, uint32_t rays, uint32_t chunk_index) {
+view_list views_of_chunk(const surface *self, uint32_t asked_rays, uint32_t rays,
+                         uint32_t chunk_index) {
   uint32_t slice_count;
-  chunk_range range = surface_chunk(self, rays, chunk_index);
+  chunk_range range = surface_chunk(self, asked_rays, chunk_index);
   slice *slices = surface_slices(self, &slice_count);
   view_list views = {range.count, rays,
                      allocate((size_t)range.count * rays, sizeof *views.stn, self->name)};
@@ -68,12 +69,13 @@ void frame_tile(bool planar, texel_grid grid, uint32_t rays, uint32_t view, uint
 }
 
 /* The mean over a sample's rays, or over those that stand in for rays that miss the surface. */
-static void mean_of_tiles(const float *pixels, uint32_t width, texel_grid grid, uint32_t view,
-                          uint32_t rays, const uint32_t *sources, float *rgb) {
+static void mean_of_tiles(const float *pixels, uint32_t width, bool planar, texel_grid grid,
+                          uint32_t view, uint32_t rays, const uint32_t *sources,
+                          const double *weights, float *rgb) {
   const float *tiles[SAMPLE_MAX_RAYS];
   for (uint32_t m = 0; m < rays; m++) {
     uint32_t column, row;
-    frame_tile(true, grid, rays, view, m, &column, &row);
+    frame_tile(planar, grid, rays, view, m, &column, &row);
     tiles[m] = pixels + ((size_t)row * width + column) * 3;
   }
   for (uint32_t texel = 0; texel < grid.u_count * grid.v_count; texel++) {
@@ -82,17 +84,15 @@ static void mean_of_tiles(const float *pixels, uint32_t width, texel_grid grid, 
       uint32_t source = sources ? sources[(size_t)texel * rays + m] : texel * rays + m;
       uint32_t i = source / rays % grid.u_count, j = source / rays / grid.u_count;
       const float *from = tiles[source % rays] + ((size_t)j * width + i) * 3;
-      for (int channel = 0; channel < 3; channel++) sum[channel] += from[channel];
+      for (int channel = 0; channel < 3; channel++) sum[channel] += weights[m] * from[channel];
     }
     for (int channel = 0; channel < 3; channel++)
-      rgb[(size_t)texel * 3 + channel] = (float)(sum[channel] / rays);
+      rgb[(size_t)texel * 3 + channel] = (float)sum[channel];
   }
 }
 
-float *frame_read_means(const char *path, bool planar, texel_grid grid, const view_list *views,
-                        const uint32_t *sources) {
-  uint32_t width, height;
-  frame_size(planar, grid, views, false, &width, &height);
+/* For the caller to free; the first row is left out. */
+static float *read_pixels(const char *path, uint32_t width, uint32_t height) {
   image *frame = image_open(path);
   if (image_width(frame) != width || image_height(frame) != height)
     fail("%s: %u x %u pixels, expected %u x %u", path, image_width(frame), image_height(frame),
@@ -100,12 +100,39 @@ float *frame_read_means(const char *path, bool planar, texel_grid grid, const vi
   float *pixels = allocate((size_t)(height - 1) * width * 3, sizeof *pixels, path);
   image_read_rows(frame, "RGB", 1, height - 1, pixels);
   image_close(frame);
-  /* A curved surface's images are means already, one below the other. */
-  if (!planar) return pixels;
+  return pixels;
+}
+
+static float *read_means(const char *path, bool planar, texel_grid grid, const view_list *views,
+                         const uint32_t *sources, const double *weights) {
+  uint32_t width, height;
+  frame_size(planar, grid, views, true, &width, &height);
+  float *pixels = read_pixels(path, width, height);
   size_t view_size = (size_t)grid.u_count * grid.v_count * 3;
   float *means = allocate(view_size * views->view_count, sizeof *means, path);
   for (uint32_t view = 0; view < views->view_count; view++)
-    mean_of_tiles(pixels, width, grid, view, views->rays, sources, means + view * view_size);
+    mean_of_tiles(pixels, width, planar, grid, view, views->rays, sources, weights,
+                  means + view * view_size);
   free(pixels);
   return means;
+}
+
+float *frame_read_means(const char *path, bool planar, texel_grid grid, const view_list *views,
+                        const uint32_t *sources) {
+  if (planar) {
+    double weights[SAMPLE_MAX_RAYS];
+    for (uint32_t m = 0; m < views->rays; m++) weights[m] = 1.0 / views->rays;
+    return read_means(path, true, grid, views, sources, weights);
+  }
+  /* A curved surface's images are means already, one below the other. */
+  uint32_t width, height;
+  frame_size(false, grid, views, false, &width, &height);
+  return read_pixels(path, width, height);
+}
+
+float *frame_read_smooth_means(const char *path, bool planar, texel_grid grid,
+                               const view_list *views, const uint32_t *sources) {
+  double weights[SAMPLE_MAX_RAYS];
+  sample_texel_weights(views->rays, weights);
+  return read_means(path, planar, grid, views, planar ? sources : NULL, weights);
 }

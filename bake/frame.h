@@ -28,8 +28,12 @@ typedef struct {
 /* What is rendered: one chunk of slices; or views along the normal that tell where the surface is
  * (cover.h); or views of a few texels that tell how many directions it needs (choose.c). The caller
  * frees stn. */
-view_list views_of_chunk(const surface *, uint32_t rays, uint32_t chunk_index);
+view_list views_of_chunk(const surface *, uint32_t asked_rays, uint32_t rays, uint32_t chunk_index);
 view_list views_of_cover(uint32_t rays);
+
+/* Before a chunk's number: all rays that are asked for, whatever surface_rays says, so that what
+ * one shows has no steps. */
+#define SMOOTH_PREFIX "smooth-"
 
 /* The slice of a surface of s_count x t_count directions, with its cell's offsets, into stn: one
  * view. A matte surface is seen along its normal. */
@@ -49,5 +53,8 @@ void frame_tile(bool planar, texel_grid, uint32_t rays, uint32_t view, uint32_t 
  * A frame of another size ends the program. */
 float *frame_read_means(const char *path, bool planar, texel_grid, const view_list *,
                         const uint32_t *sources);
+/* The same by the weights of sample_texel_weights, of a curved surface whose rays are apart. */
+float *frame_read_smooth_means(const char *path, bool planar, texel_grid, const view_list *,
+                               const uint32_t *sources);
 
 #endif

@@ -1,7 +1,9 @@
-/* gather - means of the rays of each sample, from a frame that POV-Ray rendered for a chunk. */
+/* gather - means of the rays of each sample, from a frame that POV-Ray rendered for a chunk. Smooth
+ * ones are of all rays that are asked for, of a surface whose own pictures take one. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "cover.h"
 #include "fail.h"
@@ -18,17 +20,21 @@ static void check_finite(const surface *self, slice at, const float *rgb, const 
 
 int main(int argc, char **argv) {
   if (argc != 7) {
-    fputs("usage: gather FOLDER SURFACE RAYS CHUNK FRAME.exr OUT.exr\n", stderr);
+    fputs("usage: gather FOLDER SURFACE RAYS CHUNK|smooth-CHUNK FRAME.exr OUT.exr\n", stderr);
     return 2;
   }
   surface *self = surface_read(argv[1], argv[2]);
-  uint32_t asked_rays = (uint32_t)atoi(argv[3]), rays = surface_rays(self, asked_rays);
-  uint32_t chunk = (uint32_t)atoi(argv[4]), slice_count, hole_count;
+  const bool smooth = !strncmp(argv[4], SMOOTH_PREFIX, strlen(SMOOTH_PREFIX));
+  uint32_t asked_rays = (uint32_t)atoi(argv[3]);
+  uint32_t rays = smooth ? asked_rays : surface_rays(self, asked_rays);
+  uint32_t chunk = (uint32_t)atoi(argv[4] + (smooth ? strlen(SMOOTH_PREFIX) : 0));
+  uint32_t slice_count, hole_count;
   slice *slices = surface_slices(self, &slice_count);
-  uint32_t first = surface_chunk(self, rays, chunk).first;
-  view_list views = views_of_chunk(self, rays, chunk);
+  uint32_t first = surface_chunk(self, asked_rays, chunk).first;
+  view_list views = views_of_chunk(self, asked_rays, rays, chunk);
   uint32_t *sources = cover_sources(argv[1], self, asked_rays, rays, &hole_count);
-  float *means = frame_read_means(argv[5], self->planar, grid_of_all(self), &views, sources);
+  float *means = (smooth ? frame_read_smooth_means : frame_read_means)(
+      argv[5], self->planar, grid_of_all(self), &views, sources);
   for (uint32_t i = 0; i < views.view_count; i++)
     check_finite(self, slices[first + i], means + (size_t)i * self->u_count * self->v_count * 3,
                  argv[5]);

@@ -1,6 +1,8 @@
 /* layers - splits what a surface sends out, seen through fogs (fog.h), into its own radiance and
- * what it reflects, with the height of the thing reflected above the surface, and, from more rays
- * where things end (outline.h), how much of a texel shows lower or higher things. */
+ * what it reflects, with the height of the thing reflected above the surface, and, from more rays,
+ * light without steps, and where things end (outline.h) how much of a texel shows lower or higher
+ * ones. */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -31,15 +33,16 @@ typedef struct {
   size_t texel_count, image_size; /* of a slice: texels, numbers */
 } chunk;
 
-/* Parts of a slice that is split, before coverage joins them. */
-enum { SPLIT_PARTS = PART_COVERAGE };
+/* Parts of a slice that is split, before coverage joins them. And what a surface's own radiance may
+ * vary by, in display codes, where one ray tells it, all rays the light. */
+enum { SPLIT_PARTS = PART_COVERAGE, SMOOTH_CODES = 4 };
 
 static chunk open_chunk(surface *self, uint32_t rays, uint32_t chunk_index) {
   uint32_t slice_count;
   size_t texel_count = (size_t)self->u_count * self->v_count;
   return (chunk){.self = self,
                  .rays = rays,
-                 .range = surface_chunk(self, surface_rays(self, rays), chunk_index),
+                 .range = surface_chunk(self, rays, chunk_index),
                  .slices = surface_slices(self, &slice_count),
                  .fogs = fogs_of(self, self->layers),
                  .texel_count = texel_count,
@@ -94,6 +97,45 @@ static void split(const chunk *c, const char *full_path, const char *fog_path, c
 
 static float *read_parts(const chunk *c, const char *path) {
   return read_means(path, c->self, SPLIT_PARTS * c->range.count * c->self->v_count);
+}
+
+/* Whether what the texel sends out itself is what its neighbours do, within SMOOTH_CODES. */
+static bool own_is_even(const surface *self, const float *own, uint32_t texel) {
+  const int64_t i = texel % self->u_count, j = texel / self->u_count;
+  for (int k = 0; k < 9; k++) {
+    const int64_t beside = surface_texel(self, i + k % 3 - 1, j + k / 3 - 1);
+    for (int channel = 0; channel < 3 && beside >= 0; channel++)
+      if (abs(slf_srgb_from_linear(own[3 * beside + channel]) -
+              slf_srgb_from_linear(own[3 * (size_t)texel + channel])) > SMOOTH_CODES)
+        return false;
+  }
+  return true;
+}
+
+/* Where all rays of a texel see one thing, on which colours may have borders, its light is what
+ * they see in the mean, less what the texel sends out itself. */
+static void smooth(const chunk *c, const char *split_path, const char *means_path,
+                   const char *out) {
+  float *parts = read_parts(c, split_path);
+  float *means = read_means(means_path, c->self, c->range.count * c->self->v_count);
+  bool *ends = allocate(c->texel_count, sizeof *ends, out);
+  for (uint32_t k = 0; k < c->range.count; k++) {
+    float *own = parts + SPLIT_PARTS * k * c->image_size, *reflected = own + c->image_size;
+    const float *mean = means + k * c->image_size;
+    outline_list outlines =
+        outlines_find(c->self, own + PART_HEIGHT * c->image_size, c->image_size, 1);
+    memset(ends, 0, c->texel_count * sizeof *ends);
+    for (uint32_t i = 0; i < outlines.count; i++) ends[outlines.texels[i].texel] = true;
+    free(outlines.texels);
+    for (uint32_t i = 0; i < c->texel_count; i++)
+      if (!ends[i] && own_is_even(c->self, own, i))
+        for (uint32_t at = 3 * i; at < 3 * i + 3; at++)
+          reflected[at] = fmaxf(mean[at] - own[at], 0);
+  }
+  image_write(out, c->self->u_count, SPLIT_PARTS * c->range.count * c->self->v_count, parts);
+  free(ends);
+  free(means);
+  free(parts);
 }
 
 static void print_outlines(const chunk *c, const char *split_path) {
@@ -176,13 +218,16 @@ int main(int argc, char **argv) {
   const bool fogs = argc == 4 && !strcmp(what, "fogs"),
              splits = argc == 9 && !strcmp(what, "split");
   const bool outlines = argc == 7 && !strcmp(what, "outlines");
-  if (!fogs && !splits && !outlines && !(argc == 11 && !strcmp(what, "coverage"))) {
+  const bool smooths = argc == 9 && !strcmp(what, "smooth");
+  if (!fogs && !splits && !outlines && !smooths && !(argc == 11 && !strcmp(what, "coverage"))) {
     fputs("usage: layers fogs FOLDER SURFACE > FOGS\n"
           "       layers split FOLDER SURFACE RAYS CHUNK FULL.exr FOG SPLIT.exr\n"
+          "       layers smooth FOLDER SURFACE RAYS CHUNK SPLIT.exr MEANS.exr OUT.exr\n"
           "       layers outlines FOLDER SURFACE RAYS CHUNK SPLIT.exr > OUTLINES\n"
           "       layers coverage FOLDER SURFACE RAYS CHUNK SPLIT.exr FOG OUTLINES FRAME.exr "
           "OUT.exr\n"
-          "FOGS: number, distance and grey a line, the far one last, none if it has no layers; "
+          "MEANS: of all rays, without a fog; OUT of smooth is a SPLIT. FOGS: number, distance and "
+          "grey a line, the far one last, none if it has no layers; "
           "FOG.number is seen\nthrough it, and FRAME, of OUTLINES, through the far one\n",
           stderr);
     return 2;
@@ -194,6 +239,8 @@ int main(int argc, char **argv) {
     chunk c = open_chunk(self, (uint32_t)atoi(argv[4]), (uint32_t)atoi(argv[5]));
     if (splits)
       split(&c, argv[6], argv[7], argv[8]);
+    else if (smooths)
+      smooth(&c, argv[6], argv[7], argv[8]);
     else if (outlines)
       print_outlines(&c, argv[6]);
     else

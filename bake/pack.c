@@ -80,14 +80,14 @@ static slf_result read_slice(void *context, uint32_t s, uint32_t t, float *rgb, 
   return SLF_OK;
 }
 
-static slice_reader open_slices(const char *folder, const surface *self, uint32_t rays,
+static slice_reader open_slices(const char *folder, const surface *self, uint32_t asked_rays,
                                 uint32_t part, uint32_t part_count) {
   slice_reader reader = {
       .folder = folder,
       .self = self,
       .part = part,
       .part_count = part_count,
-      .slices_per_chunk = surface_slices_per_chunk(self, rays),
+      .slices_per_chunk = surface_slices_per_chunk(self, asked_rays),
       .place = allocate((size_t)self->s_count * self->t_count, sizeof *reader.place, self->name)};
   uint32_t slice_count;
   slice *slices = surface_slices(self, &slice_count);
@@ -146,8 +146,8 @@ static void write_layer(const char *folder, const surface *self, uint32_t asked_
                         slf_role role) {
   slf_error error;
   const uint32_t part = role == SLF_ROLE_FULL ? 0 : PART_OWN + role - SLF_ROLE_OWN;
-  slice_reader reader = open_slices(folder, self, surface_rays(self, asked_rays), part,
-                                    surface_part_count(self, asked_rays));
+  slice_reader reader =
+      open_slices(folder, self, asked_rays, part, surface_part_count(self, asked_rays));
   slf_source source = {.read_slice = read_slice, .context = &reader};
   bool hdr = self->hdr && role < SLF_ROLE_HEIGHT;
   slf_layer_options options = {.role = role,

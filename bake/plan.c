@@ -130,7 +130,7 @@ int main(int argc, char **argv) {
       write_surface(folder, self, text);
       write_preparations(stdout, folder, self, rays);
     } else {
-      write_chunks(stdout, folder, self, surface_rays(self, rays));
+      write_chunks(stdout, folder, self, rays);
     }
   }
   free(text);

@@ -45,7 +45,6 @@ static double number_in(const char *folder, const char *name, double otherwise) 
 
 static void add_surface(tally *sum, const char *folder, const surface *self, uint32_t asked_rays,
                         double look_at, double cost_us) {
-  const uint32_t rays = surface_rays(self, asked_rays);
   char *path = format_text("%s/%s/surface.txt", folder, self->name);
   double from = changed_at(path);
   free(path);
@@ -53,9 +52,11 @@ static void add_surface(tally *sum, const char *folder, const surface *self, uin
   path = format_text("%s/%s", folder, self->name);
   cost_us = number_in(path, "cost", cost_us);
   free(path);
+  /* Layers: one ray without fog and through each; all of them so that light has no steps. */
+  const bool layers = surface_has_layers(self);
+  const uint32_t rays = layers ? 1 + FOG_COUNT + (asked_rays > 1 ? asked_rays : 0) : asked_rays;
   uint64_t slice_rays = (uint64_t)self->u_count * self->v_count * rays;
-  if (surface_has_layers(self)) slice_rays *= 1 + FOG_COUNT;
-  uint32_t slice_count, chunk_count = surface_chunk_count(self, rays);
+  uint32_t slice_count, chunk_count = surface_chunk_count(self, asked_rays);
   free(surface_slices(self, &slice_count));
   if (self->s_count * self->t_count > 1) {
     uint64_t texels = (uint64_t)self->u_count * self->v_count;
@@ -65,7 +66,7 @@ static void add_surface(tally *sum, const char *folder, const surface *self, uin
   sum->nbytes += (uint64_t)self->u_count * self->v_count * slice_count * 6 *
                  surface_part_count(self, asked_rays);
   for (uint32_t i = 0; i < chunk_count; i++) {
-    uint64_t chunk_rays = slice_rays * surface_chunk(self, rays, i).count;
+    uint64_t chunk_rays = slice_rays * surface_chunk(self, asked_rays, i).count;
     path = format_text("%s/%s/%04u.exr", folder, self->name, i);
     bool done = changed_at(path) >= from;
     free(path);

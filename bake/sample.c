@@ -31,6 +31,17 @@ void sample_texel_offsets(uint32_t rays, double (*uv)[2]) {
   uv[rays / 2][0] = uv[rays / 2][1] = 0.5;
 }
 
+static double tent(double offset) {
+  return offset < 0.5 ? 2 * offset : 2 - 2 * offset;
+}
+
+void sample_texel_weights(uint32_t rays, double *weights) {
+  double uv[SAMPLE_MAX_RAYS][2], sum = 0;
+  sample_texel_offsets(rays, uv);
+  for (uint32_t m = 0; m < rays; m++) sum += weights[m] = tent(uv[m][0]) * tent(uv[m][1]);
+  for (uint32_t m = 0; m < rays; m++) weights[m] /= sum;
+}
+
 void sample_cell_offsets(uint32_t rays, uint32_t s_index, uint32_t t_index, double (*st)[2]) {
   uint32_t p = level_count(rays);
   uint64_t state = ((uint64_t)s_index << 32 | t_index) + 2;

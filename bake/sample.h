@@ -21,6 +21,10 @@ bool sample_count_is_valid(uint32_t rays);
  * one, number rays / 2, starts from the centre. uv has room for `rays` pairs. */
 void sample_texel_offsets(uint32_t rays, double (*uv)[2]);
 
+/* How much each of them counts where a picture is to have no steps: a tent over the texel. The sum
+ * is 1. */
+void sample_texel_weights(uint32_t rays, double *weights);
+
 /* Offsets of the same rays within the cell of directions (s_index, t_index), in (0,1) of a cell.
  * They differ from cell to cell: a mix of four slices then averages 4 `rays` directions. */
 void sample_cell_offsets(uint32_t rays, uint32_t s_index, uint32_t t_index, double (*st)[2]);

@@ -214,20 +214,20 @@ slice *surface_slices(const surface *self, uint32_t *slice_count) {
   return slices;
 }
 
-uint32_t surface_slices_per_chunk(const surface *self, uint32_t rays) {
-  uint64_t slice_rays = (uint64_t)self->u_count * self->v_count * rays;
+uint32_t surface_slices_per_chunk(const surface *self, uint32_t asked_rays) {
+  uint64_t slice_rays = (uint64_t)self->u_count * self->v_count * asked_rays;
   uint64_t count = (self->planar ? planar_chunk_rays : curved_chunk_rays) / slice_rays;
   return count > 1 ? (uint32_t)count : 1;
 }
 
-uint32_t surface_chunk_count(const surface *self, uint32_t rays) {
-  uint32_t slice_count, per_chunk = surface_slices_per_chunk(self, rays);
+uint32_t surface_chunk_count(const surface *self, uint32_t asked_rays) {
+  uint32_t slice_count, per_chunk = surface_slices_per_chunk(self, asked_rays);
   free(surface_slices(self, &slice_count));
   return (slice_count + per_chunk - 1) / per_chunk;
 }
 
-chunk_range surface_chunk(const surface *self, uint32_t rays, uint32_t chunk_index) {
-  uint32_t slice_count, per_chunk = surface_slices_per_chunk(self, rays);
+chunk_range surface_chunk(const surface *self, uint32_t asked_rays, uint32_t chunk_index) {
+  uint32_t slice_count, per_chunk = surface_slices_per_chunk(self, asked_rays);
   free(surface_slices(self, &slice_count));
   uint32_t first = chunk_index * per_chunk;
   if (first >= slice_count) fail("surface '%s' has no chunk %u", self->name, chunk_index);

@@ -59,8 +59,9 @@ const surface *scene_find(const scene *, const char *name);
 /* Whether it is baked as layers; a matte one never is. */
 bool surface_has_layers(const surface *);
 
-/* How many of the rays that are asked for a sample it takes: layers take one, as several that hit
- * different things have no one height. Tables (rays, cover) have all that are asked for; what takes
+/* How many of the rays that are asked for a sample its pictures take: layers take one, as several
+ * that hit different things have no one height; all are sent once more where one would leave steps
+ * (layers.c). Tables (rays, cover) have all that are asked for; what takes
  * one takes the middle one, which starts from the texel's centre (sample.h). */
 uint32_t surface_rays(const surface *, uint32_t asked);
 
@@ -80,16 +81,16 @@ typedef struct {
  * chunks. The caller frees the list. */
 slice *surface_slices(const surface *, uint32_t *slice_count);
 
-/* How many slices a chunk of the surface has (the last one may have fewer), for `rays` rays a
- * sample. */
-uint32_t surface_slices_per_chunk(const surface *, uint32_t rays);
+/* How many slices a chunk of the surface has (the last one may have fewer), where so many rays a
+ * sample are asked for. */
+uint32_t surface_slices_per_chunk(const surface *, uint32_t asked_rays);
 
 /* The slices of a chunk: surface_slices(...)[first .. first + count - 1]. */
 typedef struct {
   uint32_t first, count;
 } chunk_range;
-chunk_range surface_chunk(const surface *, uint32_t rays, uint32_t chunk_index);
-uint32_t surface_chunk_count(const surface *, uint32_t rays);
+chunk_range surface_chunk(const surface *, uint32_t asked_rays, uint32_t chunk_index);
+uint32_t surface_chunk_count(const surface *, uint32_t asked_rays);
 
 /* Rows of texels whose rays one run of POV-Ray evaluates, for a surface that is not planar. */
 typedef struct {
