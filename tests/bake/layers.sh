@@ -20,7 +20,7 @@ choose() {
 choice() { head -n 1 "build/bake/$1/$2/choice"; }
 # slice NAME CHUNK ROWS K: the K-th image of so many rows of a chunk of the table, into a file of that name.
 slice() { oiiotool "build/bake/$1/table/0000.exr" --cut "16x16+0+$((16*$2))" -o "$log.$3.exr"; }
-echo 1..14
+echo 1..16
 
 bake layers-chosen "" 9
 echo "# figure: $(sed -n 's/^bake: surface //p' "$log" | grep layers | tr '\n' ';')"
@@ -60,14 +60,26 @@ check "layers in a fog are refused" 'grep -q "^slf: .* cannot be baked as layers
 # How much of a texel shows lower things: under a plate that ends at x = 0.1 two fifths of the ninth row of texels,
 # 0 to 0.25, whose middles see the ceiling; where it ends at 0.2 their middles see it, and a fifth the ceiling.
 # 25 rays stand in five even columns.
-# row NAME ROW: the least and the most of a row of the middle slice's coverage
-row() { oiiotool "build/bake/$1/mirror/0000.exr" --ch R --cut "16x1+0+$((16*(4*4 + 3) + $2))" --printstats | awk '/Min:/ { a = $3 } /Max:/ { print a, $3 }'; }
+# row NAME ROW [PART]: the least and the most of a row of the middle slice's coverage, or of another part
+row() { oiiotool "build/bake/$1/mirror/0000.exr" --ch R --cut "16x1+0+$((16*(4*4 + ${3:-3}) + $2))" --printstats | awk '/Min:/ { a = $3 } /Max:/ { print a, $3 }'; }
 edge() { rm -rf "build/bake/$1"; make --no-print-directory bake SCENES=tests/bake SCENE=edge "NAME=$1" "DECLARE=$2" QUALITY=paper RAYS=25 > "$log" 2>&1; }
 edge edge-flat Edge=0.1
 check "two fifths of a texel under a plate are found" '[ "$(row edge-flat 8 | tr " " "\n" | awk "\$1 > 0.399 && \$1 < 0.401" | wc -l)" = 2 ]'
 check "and nothing beside it" '[ "$(row edge-flat 7) $(row edge-flat 9)" = "0.000000 0.000000 0.000000 0.000000" ]'
 edge edge-bent "Edge=0.2 Bent=1"
 check "so is a fifth that is not, by rays out of a table" '[ "$(row edge-bent 8 | tr " " "\n" | awk "\$1 > -0.201 && \$1 < -0.199" | wc -l)" = 2 ]'
+
+# Where a colour ends on what is reflected, at x = 1.1, two fifths of the thirteenth row of texels on, the rays of a
+# texel are weighed by a tent (bake/sample.h): by 2 (2/5)^2 = 0.32 in the mean of all such samples; one's columns lie
+# anywhere in their fifths, so their tents are off by 0.2/sqrt(12) * 2 each and the sum of two of five by 0.03 (rms).
+# border NAME: how bright the row is between the next ones
+border() { echo "$(row "$1" 11 1) $(row "$1" 12 1) $(row "$1" 13 1)" | awk '{ printf "%.3f %.3f\n", ($3 - $5)/($1 - $5), ($4 - $6)/($2 - $6) }'; }
+smooth() { border "$1" | awk '{ exit !($1 > 0.23 && $2 < 0.39 && $1 > $2 - 1e-3) }'; }
+edge border-flat Border=1.1
+echo "# figure: where a colour ends $(border border-flat) of it"
+check "colours end in proportion" 'smooth border-flat'
+edge border-bent "Border=1.1 Bent=1"
+check "so do they by rays out of a table" 'smooth border-bent'
 
 # What a table that reflects a little sends out itself, as fogs tell, is what it sends out when it reflects
 # nothing: fogs must not have changed the radiosity and the caustic that it is lit by, some 0.2 each in the

@@ -1,12 +1,17 @@
 // A mirror of 4 x 4 units under a plate at 1 unit that ends at x = Edge, in a room of 8 units' height. Straight up,
-// each texel sees of the plate as much as lies under it.
+// each texel sees of the plate as much as lies under it. The room's colour changes at x = Border.
 #version 3.7;
 #include "slf.inc"
 #ifndef (Edge) #declare Edge = 0.1; #end
+#ifndef (Border) #declare Border = 9; #end
 #ifndef (Bent) #declare Bent = 0; #end
 global_settings { assumed_gamma 1.0 }
 #declare Even = texture { pigment { rgb 0.5 } finish { ambient 1 diffuse 0 } }
-box { <-9, -1, -9>, <9, 8, 9> hollow inverse texture { Even } }
+#declare Halves = texture {
+  pigment { gradient x color_map { [0.5 rgb 0.5] [0.5 rgb 0.1] } scale 18 translate (Border - 9)*x }
+  finish { ambient 1 diffuse 0 }
+}
+box { <-9, -1, -9>, <9, 8, 9> hollow inverse texture { Halves } }
 box { <-9, 1, -9>, <Edge, 1.1, 9> texture { Even } }
 #declare Mirror = texture { pigment { rgb 0.1 } finish { ambient 0 diffuse 0.2 reflection 0.8 } }
 #declare Slf_Layers = 2;
