@@ -108,6 +108,7 @@ for part; do
     flight)
       tests/bench/bakes.sh depth-pond-8 >&2
       tests/bench/flight.sh build/bench-depth-pond-8.slf 200 160x120 build/bench/flight | sed '$s/$/,/'
+      build/venv/bin/python tests/bench/flicker.py build/bench/flight 200 | sed '$s/$/,/'
       ;;
     speed)
       tests/bench/bakes.sh depth-floor-256-16 >&2
