@@ -542,9 +542,12 @@ static void decode_chained(const layer_state *layer, slf_block_address a, uint8_
  * memory too. */
 enum { MANY_BLOCKS = 64 };
 static void prefetch_ac_tables(const block_tables *tables) {
-  const char *begin = (const char *)tables->first_ac;
-  for (size_t at = 0; at < sizeof tables->first_ac + sizeof tables->later_ac; at += 64)
-    __builtin_prefetch(begin + at);
+  for (int i = 0; i < 4; i++) {
+    for (size_t at = 0; at < sizeof tables->first_ac[i].taken; at += 64)
+      __builtin_prefetch(tables->first_ac[i].taken + at);
+    for (size_t at = 0; at < sizeof tables->later_ac[i].taken; at += 64)
+      __builtin_prefetch(tables->later_ac[i].taken + at);
+  }
 }
 
 static void decode_batch(const layer_state *layer, const slf_block_address *addresses, size_t count,

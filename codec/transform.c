@@ -299,6 +299,7 @@ static inline __attribute__((always_inline)) void put_flat_chroma(const layer_st
 /* With 512 bits chroma's channels are transformed side by side, and colours made of two rows. */
 #ifdef __AVX512F__
 typedef float pairs __attribute__((vector_size(64)));
+typedef pairs pairs_at __attribute__((aligned(4), may_alias));
 #define LANES pairs
 #define INVERSE_PASS inverse_pass_of_pairs
 #include "codec/inverse_pass.h"
@@ -337,18 +338,47 @@ static inline __attribute__((always_inline)) pairs to_pairs(__m256i words) {
   return (pairs)_mm512_cvtepi32_ps(_mm512_cvtepi16_epi32(words));
 }
 
+/* The scaled coefficients of a channel, two rows in each. */
+static inline __attribute__((always_inline)) void
+scaled_rows(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
+            const block_levels *block, int c, uint32_t gain, pairs rows[4]) {
+#pragma GCC unroll 2
+  for (int half = 0; half < 2; half++) {
+    const int at = COEFFICIENTS / 2 * half;
+    __m512i level = _mm512_loadu_si512(block->levels[c] + at);
+    level = _mm512_mullo_epi16(level, _mm512_set1_epi16((short)gain));
+    if (prediction) level = _mm512_add_epi16(level, _mm512_loadu_si512(prediction[c] + at));
+    const float *scales = layer->scales[c] + at;
+    rows[2 * half] = to_pairs(_mm512_castsi512_si256(level)) * *(const pairs_at *)scales;
+    rows[2 * half + 1] =
+        to_pairs(_mm512_extracti64x4_epi64(level, 1)) * *(const pairs_at *)(scales + 16);
+  }
+}
+
+static inline __attribute__((always_inline)) void
+luma_texels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
+            const block_levels *block, uint32_t gain, lanes b[8]) {
+  pairs rows[4];
+  scaled_rows(layer, prediction, block, 0, gain, rows);
+#pragma GCC unroll 4
+  for (int i = 0; i < 4; i++) {
+    b[2 * i] = (lanes)_mm512_castps512_ps256((__m512)rows[i]);
+    b[2 * i + 1] = (lanes)_mm512_extractf32x8_ps((__m512)rows[i], 1);
+  }
+  inverse(b, false);
+}
+
 /* channel_texels of both chroma channels. */
 static inline __attribute__((always_inline)) void
 chroma_texels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
               const block_levels *block, uint32_t gain, pairs b[8]) {
-#pragma GCC unroll 8
-  for (int i = 0; i < COEFFICIENTS; i += 8) {
-    __m256i level = pair_words(block->levels[1] + i, block->levels[2] + i);
-    level = _mm256_mullo_epi16(level, _mm256_set1_epi16((short)gain));
-    if (prediction)
-      level = _mm256_add_epi16(level, pair_words(prediction[1] + i, prediction[2] + i));
-    b[i / 8] = to_pairs(level) * pair(*(const lanes_at *)(layer->scales[1] + i),
-                                      *(const lanes_at *)(layer->scales[2] + i));
+  pairs blue[4], red[4];
+  scaled_rows(layer, prediction, block, 1, gain, blue);
+  scaled_rows(layer, prediction, block, 2, gain, red);
+#pragma GCC unroll 4
+  for (int i = 0; i < 4; i++) {
+    b[2 * i] = (pairs)_mm512_shuffle_f32x4((__m512)blue[i], (__m512)red[i], 0x44);
+    b[2 * i + 1] = (pairs)_mm512_shuffle_f32x4((__m512)blue[i], (__m512)red[i], 0xee);
   }
   inverse_pass_of_pairs(b, false);
   transpose_pairs(b);
@@ -392,8 +422,8 @@ pairs_to_codes(const layer_state *layer, const int16_t prediction[3][COEFFICIENT
                uint8_t *u_block) {
   lanes luma[8];
   pairs chroma[8];
-  if (prediction)
-    channel_texels(prediction[0], block->levels[0], (uint16_t)gain, layer->scales[0], false, luma);
+  if (prediction || block->last_k[0] > LOW_LAST_K)
+    luma_texels(layer, prediction, block, gain, luma);
   else
     own_texels(block, 0, (uint16_t)gain, layer->scales[0], luma);
   chroma_texels(layer, prediction, block, gain, chroma);
