@@ -3,7 +3,8 @@
 LIBSLF := $(OUT)/libslf.a
 SLF := $(OUT)/slf
 
-LIBSLF_OBJECTS := $(addprefix $(OBJ)/codec/,block_code.o direction.o encode.o format.o huffman.o \
+LIBSLF_OBJECTS := $(addprefix $(OBJ)/codec/,block_code.o direction.o encode.o encode_codes.o \
+  encode_colours.o encode_place.o encode_slices.o encode_stream.o encode_symbols.o format.o huffman.o \
   kernel.o layer.o parallel.o rate.o read.o scratch.o stream.o texels.o write.o)
 
 # The hot path, once for any processor and on x86-64 twice more: see codec/kernel.h.
