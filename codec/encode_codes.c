@@ -237,6 +237,7 @@ static slf_result train(training *tr, slf_error *error) {
   tr->counts = malloc(tasks * sizeof *tr->counts);
   tr->head_counts = malloc(sizeof *tr->head_counts << WHOLE_HEAD_BITS);
   if (!tr->counts || !tr->head_counts) {
+    free(tr->head_counts);
     free(tr->counts);
     return slf_fail(error, SLF_ERROR_MEMORY, "%s: no memory", e->name);
   }
