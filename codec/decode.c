@@ -69,21 +69,23 @@ static void give_up(entry_reader *r) {
   r->state.block = (block_levels){0};
 }
 
-/* Reads up to a block; a damaged entry ends early, with what was read. */
-static inline void read_up_to(entry_reader *r, const entry_site *site) {
+/* Reads up to a block; a damaged entry ends early, with what was read. `meanwhile` (or NULL), of
+ * the block before, is finished. */
+static inline void read_up_to(entry_reader *r, const entry_site *site, texels_maker *meanwhile) {
   const block_tables *tables = site->stream->tables;
   uint32_t passed = 0;
   if (blocks_before(site) == site->number) {
     passed = site->number - r->next;
     r->next = site->number;
   } else if ((r->next != site->number || !r->has_levels) && !skip_to(r, site)) {
+    texels_finish(meanwhile);
     give_up(r);
     return;
   }
   r->has_levels = true;
   for (; r->next <= site->number; r->next++, passed = 0) {
     bool first = r->next == site->place_first;
-    if (!block_parse(tables, &r->reader, passed, r->next, first, &r->state)) {
+    if (!block_parse(tables, &r->reader, passed, r->next, first, meanwhile, &r->state)) {
       r->stream = NULL;
       return;
     }
@@ -93,7 +95,7 @@ static inline void read_up_to(entry_reader *r, const entry_site *site) {
 static void read_block(entry_reader *r, const entry_site *site) {
   if (r->stream != site->stream || r->entry != site->entry || r->next > site->number)
     begin_at(r, site, stream_find(&site->stream->blocks, site->entry));
-  read_up_to(r, site);
+  read_up_to(r, site, NULL);
 }
 
 /* ---- Predictions --------------------------------------------------------------------------- */
@@ -325,11 +327,16 @@ typedef struct {
   const layer_state *layer;
   entry_reader rest;
   key_memo memo;
+  /* The texels of the block read last, and what they are made of beside its levels. */
+  texels_maker texels;
+  fine_block scratch;
+  shift_window window;
 } decoder;
 
 static void decoder_begin(decoder *d, const layer_state *layer) {
   d->layer = layer;
   reader_is_nowhere(&d->rest);
+  d->texels.step = TEXELS_MADE;
   if (layer_has(layer, STREAM_KEYS)) memo_begin(&d->memo);
 }
 
@@ -347,8 +354,9 @@ static void anchor_slice(const layer_state *layer, const entry_reader *r, const 
 /* What the rest's state at slice (s, t) is added to: NULL for nothing. A shift wants the base, and
  * what it moves in channels on top; *group is its key's. */
 static const fine_block *get_prediction(decoder *d, const entry_site *site, uint32_t s, uint32_t t,
-                                        uint64_t place, uint32_t *group, fine_block *scratch) {
+                                        uint64_t place, uint32_t *group) {
   const layer_state *layer = d->layer;
+  fine_block *scratch = &d->scratch;
   predictor how = d->rest.state.predictor;
   if (how == PREDICT_INTRA || !layer_has(layer, STREAM_BASE)) return NULL;
   if (how == PREDICT_BASE) return get_base(layer, place, scratch);
@@ -387,24 +395,25 @@ static void decode_chain(const layer_state *layer, uint32_t s, uint32_t t, uint6
   }
 }
 
-/* A block whose entry was read up to it. Codes where u_block is not NULL, else channels. */
+/* A block whose entry was read up to it. Codes, which are begun, where u_block is not NULL, else
+ * channels. */
 static void finish_block(decoder *d, const entry_site *site, slf_block_address a, uint8_t *u_block,
                          float channels[3][COEFFICIENTS]) {
   const layer_state *layer = d->layer;
-  fine_block scratch;
   uint32_t group = 0, gain = layer->gains[STREAM_REST];
   const uint64_t place = (uint64_t)a.block_v * layer->public.block_u_count + a.block_u;
-  const fine_block *found = get_prediction(d, site, a.s, a.t, place, &group, &scratch);
+  const fine_block *found = get_prediction(d, site, a.s, a.t, place, &group);
   const int16_t(*prediction)[COEFFICIENTS] =
       found ? (const int16_t(*)[COEFFICIENTS]) * found : NULL;
-  shift_window window, *shifted = NULL;
+  shift_window *shifted = NULL;
   if (is_shifted(d)) {
-    shifted = &window;
+    shifted = &d->window;
     fill_window(layer, group, a.block_u, a.block_v, d->rest.state.shift_u, d->rest.state.shift_v,
                 &d->memo, shifted);
   }
   if (u_block)
-    levels_to_codes(layer, prediction, entry_levels(&d->rest.state), gain, shifted, u_block);
+    texels_begin(&d->texels, layer, prediction, entry_levels(&d->rest.state), gain, shifted,
+                 u_block);
   else
     levels_to_channels(layer, prediction, entry_levels(&d->rest.state), gain, shifted, channels);
 }
@@ -506,13 +515,16 @@ static inline void find_ahead(batch *b, size_t i) {
 
 static inline void read_pending(decoder *d, const pending_block *p) {
   entry_reader *r = &d->rest;
-  if (!p->exists || p->is_key) return;
+  if (!p->exists || p->is_key) {
+    texels_finish(&d->texels);
+    return;
+  }
   if (r->stream == NULL || r->entry != p->site.entry || r->next > p->site.number)
     begin_at(r, &p->site, p->byte);
-  read_up_to(r, &p->site);
+  read_up_to(r, &p->site, &d->texels);
 }
 
-/* A block that was read. */
+/* A block that was read: its texels are begun, if not made. */
 static inline void finish_pending(decoder *d, const pending_block *p, slf_block_address a,
                                   uint8_t *u_block) {
   if (!p->exists)
@@ -520,8 +532,8 @@ static inline void finish_pending(decoder *d, const pending_block *p, slf_block_
   else if (p->is_key)
     decode_key_slice(d, a.s, a.t, p->place, u_block, NULL);
   else if (d->layer->public.angular == SLF_ANGULAR_NONE)
-    levels_to_codes(d->layer, NULL, entry_levels(&d->rest.state), d->layer->gains[STREAM_REST],
-                    NULL, u_block);
+    texels_begin(&d->texels, d->layer, NULL, entry_levels(&d->rest.state),
+                 d->layer->gains[STREAM_REST], NULL, u_block);
   else
     finish_block(d, &p->site, a, u_block, NULL);
 }
@@ -574,6 +586,7 @@ static void decode_batch(const layer_state *layer, const slf_block_address *addr
     find_ahead(&b, i + FIND_AHEAD);
     finish_pending(&d, p, addresses[i], u_blocks[i]);
   }
+  texels_finish(&d.texels);
 }
 
 const kernel KERNEL(kernel) = {.name = SLF_KERNEL_NAME,

@@ -29,7 +29,8 @@ static void read_levels(const layer_state *layer, uint32_t s, uint32_t t, uint64
   entry_begin(&state, site.stream->dc_begin);
   reader_begin(&reader, blocks, site.entry, layer->kernel->find(blocks, site.entry));
   for (unsigned i = 0; i <= site.number; i++)
-    layer->kernel->parse(site.stream->tables, &reader, 0, i, i % site.slice_count == 0, &state);
+    layer->kernel->parse(site.stream->tables, &reader, 0, i, i % site.slice_count == 0, NULL,
+                         &state);
   for (int c = 0; c < 3; c++)
     for (int i = 0; i < COEFFICIENTS; i++)
       levels[c][i] = entry_levels(&state)->levels[c][8 * (i % 8) + i / 8];

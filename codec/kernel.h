@@ -65,13 +65,62 @@ typedef struct {
 void levels_read(bit_reader *reader, const coded_levels *coded, const int32_t dc[3], bool adds,
                  block_levels *block);
 
+/* Differences (layer.h) of up to 2x2 places side by side, of which a shift shows 8x8 texels; and
+ * where those begin. */
+enum { WINDOW_ROW = 16, WINDOW_CHANNEL = 16 * WINDOW_ROW };
+typedef struct {
+  int16_t channels[3 * WINDOW_CHANNEL];
+  uint32_t begin;
+} shift_window;
+
+/* The texels of a block that was read, to be made in steps: luma's, chroma's, then their codes.
+ * Nothing in a step waits, where look-ups of symbols wait for each other: so the steps are taken
+ * between the channels of the block read next. What is pointed to stays as it is until all are. */
+typedef struct {
+  const layer_state *layer;
+  const int16_t (*prediction)[COEFFICIENTS];
+  const block_levels *block;
+  const shift_window *shifted;
+  uint8_t *u_block;
+  uint32_t gain;
+  int step; /* the next one */
+  float luma[COEFFICIENTS], chroma[8][2][8];
+} texels_maker;
+enum { TEXELS_LUMA, TEXELS_CHROMA, TEXELS_CODES, TEXELS_MADE };
+
+/* As levels_to_channels. */
+static inline void texels_begin(texels_maker *maker, const layer_state *layer,
+                                const int16_t prediction[3][COEFFICIENTS],
+                                const block_levels *block, uint32_t gain,
+                                const shift_window *shifted, uint8_t *u_block) {
+  maker->layer = layer;
+  maker->prediction = prediction;
+  maker->block = block;
+  maker->shifted = shifted;
+  maker->u_block = u_block;
+  maker->gain = gain;
+  maker->step = TEXELS_LUMA;
+}
+
+/* Takes the next step. */
+#define texels_step KERNEL(texels_step)
+void texels_step(texels_maker *maker);
+
+static inline __attribute__((always_inline)) void texels_go_on(texels_maker *maker) {
+  if (maker && maker->step != TEXELS_MADE) texels_step(maker);
+}
+
+static inline void texels_finish(texels_maker *maker) {
+  while (maker && maker->step != TEXELS_MADE) texels_step(maker);
+}
+
 /* Passes over `passed` C-Blocks and reads the entry's next, its `number`-th from 0; `first` if it
  * is its place's first, which nothing precedes. False if its bits are no C-Block. Its levels
  * are the state's; if it is predicted from the block before, they are added to that one's, which
- * are there. */
+ * are there. Before they change, `meanwhile` is finished, unless it is NULL. */
 #define block_parse KERNEL(block_parse)
 bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t passed, uint32_t number,
-                 bool first, entry_state *state);
+                 bool first, texels_maker *meanwhile, entry_state *state);
 
 /* Passes over `count` of them; the DC levels of the last INTRA block go on. */
 #define blocks_pass KERNEL(blocks_pass)
@@ -97,14 +146,6 @@ void plain_inverse_dct(float block[COEFFICIENTS]);
 #define forward_dct KERNEL(forward_dct)
 void forward_dct(const float texels[COEFFICIENTS], float coefficients[COEFFICIENTS]);
 
-/* Differences (layer.h) of up to 2x2 places side by side, of which a shift shows 8x8 texels; and
- * where those begin. */
-enum { WINDOW_ROW = 16, WINDOW_CHANNEL = 16 * WINDOW_ROW };
-typedef struct {
-  int16_t channels[3 * WINDOW_CHANNEL];
-  uint32_t begin;
-} shift_window;
-
 /* prediction (NULL: nothing; fine levels) + gain * a block's levels, to channels, without the
  * level shift, row-major; and on top what `shifted` shows, if it is not NULL. */
 #define levels_to_channels KERNEL(levels_to_channels)
@@ -121,7 +162,7 @@ void levels_to_difference(const layer_state *layer, const int16_t fine[3][COEFFI
 #define channels_to_codes KERNEL(channels_to_codes)
 void channels_to_codes(const layer_state *layer, float channels[3][COEFFICIENTS], uint8_t *u_block);
 
-/* Both, without a stop between. */
+/* Levels to codes, without a stop between. */
 #define levels_to_codes KERNEL(levels_to_codes)
 void levels_to_codes(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
                      const block_levels *block, uint32_t gain, const shift_window *shifted,
@@ -136,7 +177,7 @@ struct kernel {
   slf_result (*check_stream)(const block_stream *stream, const char *name, slf_error *error);
   uint64_t (*find)(const block_stream *stream, uint64_t entry);
   bool (*parse)(const block_tables *tables, bit_reader *reader, uint32_t passed, uint32_t number,
-                bool first, entry_state *state);
+                bool first, texels_maker *meanwhile, entry_state *state);
   void (*inverse_dct)(float block[COEFFICIENTS]);
   void (*plain_inverse_dct)(float block[COEFFICIENTS]);
   void (*forward_dct)(const float texels[COEFFICIENTS], float coefficients[COEFFICIENTS]);

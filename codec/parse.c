@@ -314,15 +314,15 @@ static inline __attribute__((always_inline)) void add_intra_dc(int16_t intra_dc[
   }
 }
 
-static inline __attribute__((always_inline)) bool parse_channels(const block_tables *tables,
-                                                                 int residual, unsigned flags,
-                                                                 bit_reader *r,
-                                                                 coded_levels *coded) {
+static inline __attribute__((always_inline)) bool
+parse_channels(const block_tables *tables, int residual, unsigned flags, bit_reader *r,
+               texels_maker *meanwhile, coded_levels *coded) {
   coded->flags = flags;
   coded->count = 0;
   for (int channel = 0; channel < 3; channel++) coded->places[channel] = 0;
   for (unsigned left = flags; left; left &= left - 1) {
     int channel = __builtin_ctz(left);
+    texels_go_on(meanwhile);
     if (!parse_channel(tables, ac_code(residual, channel > 0, 0), channel, r, coded)) return false;
   }
   return true;
@@ -420,20 +420,21 @@ bool block_leans_on_previous(const block_tables *tables, const bit_reader *reade
 /* ---- Blocks -------------------------------------------------------------------------------- */
 
 /* Compiled for each way of reading. */
-static inline __attribute__((always_inline)) bool parse_block(const block_tables *tables,
-                                                              bit_reader *reader, bool backwards,
-                                                              uint32_t passed, uint32_t number,
-                                                              bool first, entry_state *state) {
+static inline __attribute__((always_inline)) bool
+parse_block(const block_tables *tables, bit_reader *reader, bool backwards, uint32_t passed,
+            uint32_t number, bool first, texels_maker *meanwhile, entry_state *state) {
   bit_reader r = reader_copy(reader, backwards);
   block_head head = {0};
   coded_levels coded;
+  texels_go_on(meanwhile);
   bool good = pass_blocks(tables, &r, state->intra_dc, passed) && parse_head(tables, &r, &head);
   const predictor how = head.symbol >> 3;
   const bool residual = how != PREDICT_INTRA, adds = how == PREDICT_PREVIOUS;
   good = good && !(adds && first);
   if (good && !residual) add_intra_dc(state->intra_dc, &head);
-  good = good && parse_channels(tables, residual, head.symbol & 7, &r, &coded);
+  good = good && parse_channels(tables, residual, head.symbol & 7, &r, meanwhile, &coded);
   reader_update(reader, &r);
+  texels_finish(meanwhile);
   if (!good) {
     state->block = (block_levels){.ac_flags = 0};
     return false;
@@ -449,7 +450,8 @@ static inline __attribute__((always_inline)) bool parse_block(const block_tables
 }
 
 bool block_parse(const block_tables *tables, bit_reader *reader, uint32_t passed, uint32_t number,
-                 bool first, entry_state *state) {
-  return reader->backwards ? parse_block(tables, reader, true, passed, number, first, state)
-                           : parse_block(tables, reader, false, passed, number, first, state);
+                 bool first, texels_maker *meanwhile, entry_state *state) {
+  return reader->backwards
+             ? parse_block(tables, reader, true, passed, number, first, meanwhile, state)
+             : parse_block(tables, reader, false, passed, number, first, meanwhile, state);
 }

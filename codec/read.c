@@ -591,7 +591,8 @@ static slf_result verify_unit(const layer_state *layer, stream_kind kind, uint32
         reader_begin(&reader, &stream->blocks, entry, layer->kernel->find(&stream->blocks, entry));
         entry_begin(&state, stream->dc_begin);
       }
-      if (!layer->kernel->parse(stream->tables, &reader, 0, site.number, i % width == 0, &state))
+      if (!layer->kernel->parse(stream->tables, &reader, 0, site.number, i % width == 0, NULL,
+                                &state))
         return slf_fail(error, SLF_ERROR_FORMAT,
                         "%s: stream %d: block %" PRIu64 " of unit %u does not parse", name, kind,
                         place, unit);

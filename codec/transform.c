@@ -169,24 +169,23 @@ static inline __attribute__((always_inline)) void flat_texels(int16_t level, uin
 }
 
 static inline __attribute__((always_inline)) void
-make_texels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
-            const block_levels *block, uint32_t gain, const shift_window *shifted, lanes b[3][8]) {
-#pragma GCC unroll 3
-  for (int c = 0; c < 3; c++) {
-    if (prediction)
-      channel_texels(prediction[c], block->levels[c], (uint16_t)gain, layer->scales[c], false,
-                     b[c]);
-    else if (block->ac_flags >> c & 1)
-      own_texels(block, c, (uint16_t)gain, layer->scales[c], b[c]);
-    else
-      flat_texels(block->levels[c][0], (uint16_t)gain, layer->scales[c], b[c]);
-    if (!shifted) continue;
-    const int16_t *more = shifted->channels + c * WINDOW_CHANNEL + shifted->begin;
+channel_texels_of(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
+                  const block_levels *block, int c, uint32_t gain, lanes b[8]) {
+  if (prediction)
+    channel_texels(prediction[c], block->levels[c], (uint16_t)gain, layer->scales[c], false, b);
+  else if (block->ac_flags >> c & 1)
+    own_texels(block, c, (uint16_t)gain, layer->scales[c], b);
+  else
+    flat_texels(block->levels[c][0], (uint16_t)gain, layer->scales[c], b);
+}
+
+static inline __attribute__((always_inline)) void
+add_shifted(const layer_state *layer, const shift_window *shifted, int c, lanes b[8]) {
+  const int16_t *more = shifted->channels + c * WINDOW_CHANNEL + shifted->begin;
 #pragma GCC unroll 8
-    for (int y = 0; y < 8; y++)
-      b[c][y] += to_lanes((short_lanes) * (const words_at *)(more + y * WINDOW_ROW)) *
-                 splat(1 / layer->difference_one);
-  }
+  for (int y = 0; y < 8; y++)
+    b[y] += to_lanes((short_lanes) * (const words_at *)(more + y * WINDOW_ROW)) *
+            splat(1 / layer->difference_one);
 }
 
 static inline __attribute__((always_inline)) lanes choose(int_lanes mask, lanes yes, lanes no) {
@@ -265,9 +264,12 @@ static inline __attribute__((always_inline)) void put_codes(const layer_state *l
 void levels_to_channels(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
                         const block_levels *block, uint32_t gain, const shift_window *shifted,
                         float channels[3][COEFFICIENTS]) {
-  lanes b[3][8];
-  make_texels(layer, prediction, block, gain, shifted, b);
-  for (int c = 0; c < 3; c++) store(b[c], channels[c]);
+  for (int c = 0; c < 3; c++) {
+    lanes b[8];
+    channel_texels_of(layer, prediction, block, c, gain, b);
+    if (shifted) add_shifted(layer, shifted, c, b);
+    store(b, channels[c]);
+  }
 }
 
 void channels_to_codes(const layer_state *layer, float channels[3][COEFFICIENTS],
@@ -416,44 +418,97 @@ static inline __attribute__((always_inline)) void put_pairs(const layer_state *l
   pack_pairs(rgb, to);
 }
 
+/* Both chroma channels where they have few frequencies. */
 static inline __attribute__((always_inline)) void
-pairs_to_codes(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
-               const block_levels *block, uint32_t gain, const shift_window *shifted,
-               uint8_t *u_block) {
-  lanes luma[8];
-  pairs chroma[8];
-  if (prediction || block->last_k[0] > LOW_LAST_K)
-    luma_texels(layer, prediction, block, gain, luma);
+low_chroma_texels(const layer_state *layer, const block_levels *block, uint32_t gain, pairs b[8]) {
+  lanes blue[8], red[8];
+  channel_texels_of(layer, NULL, block, 1, gain, blue);
+  channel_texels_of(layer, NULL, block, 2, gain, red);
+#pragma GCC unroll 8
+  for (int y = 0; y < 8; y++) b[y] = pair(blue[y], red[y]);
+}
+
+static void make_luma(texels_maker *m) {
+  lanes b[8];
+  if (m->prediction || m->block->last_k[0] > LOW_LAST_K)
+    luma_texels(m->layer, m->prediction, m->block, m->gain, b);
   else
-    own_texels(block, 0, (uint16_t)gain, layer->scales[0], luma);
-  chroma_texels(layer, prediction, block, gain, chroma);
+    channel_texels_of(m->layer, NULL, m->block, 0, m->gain, b);
+  store(b, m->luma);
+}
+
+static void make_chroma(texels_maker *m) {
+  pairs b[8];
+  if (m->prediction || m->block->last_k[1] > LOW_LAST_K || m->block->last_k[2] > LOW_LAST_K)
+    chroma_texels(m->layer, m->prediction, m->block, m->gain, b);
+  else
+    low_chroma_texels(m->layer, m->block, m->gain, b);
+#pragma GCC unroll 8
+  for (int y = 0; y < 8; y++) *(pairs_at *)m->chroma[y] = b[y];
+}
+
+static void make_codes(texels_maker *m) {
 #pragma GCC unroll 4
   for (int y = 0; y < 8; y += 2) {
-    __m512 above = (__m512)chroma[y], below = (__m512)chroma[y + 1];
-    pairs b[3] = {pair(luma[y], luma[y + 1]), (pairs)_mm512_shuffle_f32x4(above, below, 0x44),
+    __m512 above = (__m512) * (const pairs_at *)m->chroma[y];
+    __m512 below = (__m512) * (const pairs_at *)m->chroma[y + 1];
+    pairs b[3] = {*(const pairs_at *)(m->luma + 8 * y),
+                  (pairs)_mm512_shuffle_f32x4(above, below, 0x44),
                   (pairs)_mm512_shuffle_f32x4(above, below, 0xee)};
-    if (shifted)
+    if (m->shifted)
 #pragma GCC unroll 3
-      for (int c = 0; c < 3; c++) b[c] += shifted_rows(layer, shifted, c, y);
-    put_pairs(layer, b, u_block + 32 * y);
+      for (int c = 0; c < 3; c++) b[c] += shifted_rows(m->layer, m->shifted, c, y);
+    put_pairs(m->layer, b, m->u_block + 32 * y);
   }
 }
+#else
+static void make_luma(texels_maker *m) {
+  lanes b[8];
+  channel_texels_of(m->layer, m->prediction, m->block, 0, m->gain, b);
+  store(b, m->luma);
+}
+
+static void make_chroma(texels_maker *m) {
+  for (int c = 1; c < 3; c++) {
+    lanes b[8];
+    channel_texels_of(m->layer, m->prediction, m->block, c, m->gain, b);
+    for (int y = 0; y < 8; y++) *(lanes_at *)m->chroma[y][c - 1] = b[y];
+  }
+}
+
+static void make_codes(texels_maker *m) {
+  lanes b[3][8];
+  load(m->luma, b[0]);
+  for (int c = 1; c < 3; c++)
+    for (int y = 0; y < 8; y++) b[c][y] = *(const lanes_at *)m->chroma[y][c - 1];
+  for (int c = 0; c < 3 && m->shifted; c++) add_shifted(m->layer, m->shifted, c, b[c]);
+  put_codes(m->layer, b, m->u_block);
+}
 #endif
+
+void texels_step(texels_maker *m) {
+  switch (m->step) {
+  case TEXELS_LUMA:
+    if (!m->prediction && !m->shifted && m->block->ac_flags <= 1 && !m->layer->own_colours) {
+      put_flat_chroma(m->layer, m->block, m->gain, m->u_block);
+      m->step = TEXELS_MADE;
+      return;
+    }
+    make_luma(m);
+    break;
+  case TEXELS_CHROMA:
+    make_chroma(m);
+    break;
+  default:
+    make_codes(m);
+  }
+  m->step++;
+}
 
 void levels_to_codes(const layer_state *layer, const int16_t prediction[3][COEFFICIENTS],
                      const block_levels *block, uint32_t gain, const shift_window *shifted,
                      uint8_t *u_block) {
-  if (!prediction && !shifted && block->ac_flags <= 1 && !layer->own_colours) {
-    put_flat_chroma(layer, block, gain, u_block);
-    return;
-  }
-#ifdef __AVX512F__
-  if (prediction || block->last_k[1] > LOW_LAST_K || block->last_k[2] > LOW_LAST_K) {
-    pairs_to_codes(layer, prediction, block, gain, shifted, u_block);
-    return;
-  }
-#endif
-  lanes b[3][8];
-  make_texels(layer, prediction, block, gain, shifted, b);
-  put_codes(layer, b, u_block);
+  texels_maker maker;
+  texels_begin(&maker, layer, prediction, block, gain, shifted, u_block);
+  texels_finish(&maker);
 }

@@ -259,13 +259,18 @@ static void random_codes(block_codes *codes) {
 }
 
 /* Random bits are read alike, to the last one, and never beyond the padding (under ASan: the block
- * of memory ends there). Near a stream's ends levels are read one by one, elsewhere by vectors if
- * there are any; streams are short and long. */
+ * of memory ends there). Texels that are made meanwhile are those of the levels that were there
+ * before, whether the next block is good or not. Near a stream's ends levels are read one by one,
+ * elsewhere by vectors if there are any; streams are short and long. */
 static void kernels_parse_random_bits_alike(void **state) {
   (void)state;
   block_codes codes;
   block_tables *tables = malloc(sizeof *tables);
   unsigned good_count = 0, most_levels = 0;
+  layer_state layer = {.level_shift = 128, .difference_one = DIFFERENCE_ONE};
+  random_colours(&layer);
+  for (int i = 0; i < 3 * COEFFICIENTS; i++)
+    layer.scales[i / COEFFICIENTS][i % COEFFICIENTS] = 1 + (float)(random_u32() % 64) / 16;
   for (int n = 0; n < 2000; n++) {
     if (n % 50 == 0) {
       random_codes(&codes);
@@ -277,6 +282,8 @@ static void kernels_parse_random_bits_alike(void **state) {
     block_stream stream = {bytes, nbytes + STREAM_PAD_NBYTES, 2};
     entry_state states[MOST_KERNELS];
     bit_reader readers[MOST_KERNELS];
+    texels_maker makers[MOST_KERNELS];
+    uint8_t codes_now[SLF_BLOCK_NBYTES], codes_meanwhile[MOST_KERNELS][SLF_BLOCK_NBYTES];
     memset(states, 0, sizeof states);
     /* The second of a pair goes backwards from there. */
     uint64_t begin = random_u32() % nbytes, entry = n % 2;
@@ -284,11 +291,20 @@ static void kernels_parse_random_bits_alike(void **state) {
     for (int k = 0; k < kernel_count; k++) {
       entry_begin(&states[k], dc_begin);
       reader_begin(&readers[k], &stream, entry, begin);
+      makers[k].step = TEXELS_MADE;
     }
     for (uint32_t block = 0; block < 8; block++) {
       bool good[MOST_KERNELS] = {false};
       for (int k = 0; k < kernel_count; k++)
-        good[k] = kernels[k]->parse(tables, &readers[k], 0, block, block % 4 == 0, &states[k]);
+        good[k] = kernels[k]->parse(tables, &readers[k], 0, block, block % 4 == 0, &makers[k],
+                                    &states[k]);
+      for (int k = 0; k < kernel_count; k++) {
+        assert_int_equal(makers[k].step, TEXELS_MADE);
+        if (block > 0) assert_memory_equal(codes_meanwhile[k], codes_now, sizeof codes_now);
+        texels_begin(&makers[k], &layer, NULL, entry_levels(&states[k]), 1, NULL,
+                     codes_meanwhile[k]);
+      }
+      levels_to_codes(&layer, NULL, entry_levels(&states[0]), 1, NULL, codes_now);
       for (int k = 1; k < kernel_count; k++) {
         assert_int_equal(good[0], good[k]);
         assert_memory_equal(&states[0], &states[k], sizeof states[0]);
@@ -341,7 +357,7 @@ static bool is_block(const block_codes *codes, const block_tables *tables, const
     bit_reader reader;
     entry_begin(&state, (int16_t[3]){0});
     reader_begin(&reader, &stream, 0, 0);
-    good[k] = kernels[k]->parse(tables, &reader, 0, 0, true, &state);
+    good[k] = kernels[k]->parse(tables, &reader, 0, 0, true, NULL, &state);
     assert_int_equal(good[k], good[0]);
   }
   return good[0];
