@@ -20,7 +20,9 @@ for scene in bottle cube; do
     build/slf encode --target-ratio=11 build/bench-$scene-32.slf "$small"
   files+=("$small")
 done
-build/bench/viewer "${files[@]}" > "$out/viewer_cache.json"
+# Where the system places a process's memory, and who else is at work, moves ratios by a tenth: medians of five.
+for _ in 1 2 3 4 5; do build/bench/viewer "${files[@]}"; done |
+  jq -s 'map(to_entries[]) | group_by(.key) | map({(.[0].key): (map(.value) | sort | .[2])}) | add' > "$out/viewer_cache.json"
 largest=$(ls -S build/bench-*.slf | head -1) smallest=$(ls -rS build/bench-*.slf | head -1)
 for which in largest smallest; do build/bench/open "${!which}" > "$out/viewer_open_$which.json"; done
 
