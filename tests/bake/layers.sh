@@ -63,10 +63,10 @@ check "layers in a fog are refused" 'grep -q "^slf: .* cannot be baked as layers
 # row NAME ROW [PART]: the least and the most of a row of the middle slice's coverage, or of another part
 row() { oiiotool "build/bake/$1/mirror/0000.exr" --ch R --cut "16x1+0+$((16*(4*4 + ${3:-3}) + $2))" --printstats | awk '/Min:/ { a = $3 } /Max:/ { print a, $3 }'; }
 edge() { rm -rf "build/bake/$1"; make --no-print-directory bake SCENES=tests/bake SCENE=edge "NAME=$1" "DECLARE=$2" QUALITY=paper RAYS=25 > "$log" 2>&1; }
-edge edge-flat Edge=0.1
+edge edge-flat "Edge=0.1 Border=1.1"
 check "two fifths of a texel under a plate are found" '[ "$(row edge-flat 8 | tr " " "\n" | awk "\$1 > 0.399 && \$1 < 0.401" | wc -l)" = 2 ]'
 check "and nothing beside it" '[ "$(row edge-flat 7) $(row edge-flat 9)" = "0.000000 0.000000 0.000000 0.000000" ]'
-edge edge-bent "Edge=0.2 Bent=1"
+edge edge-bent "Edge=0.2 Border=1.1 Bent=1"
 check "so is a fifth that is not, by rays out of a table" '[ "$(row edge-bent 8 | tr " " "\n" | awk "\$1 > -0.201 && \$1 < -0.199" | wc -l)" = 2 ]'
 
 # Where a colour ends on what is reflected, at x = 1.1, two fifths of the thirteenth row of texels on, the rays of a
@@ -75,11 +75,9 @@ check "so is a fifth that is not, by rays out of a table" '[ "$(row edge-bent 8 
 # border NAME: how bright the row is between the next ones
 border() { echo "$(row "$1" 11 1) $(row "$1" 12 1) $(row "$1" 13 1)" | awk '{ printf "%.3f %.3f\n", ($3 - $5)/($1 - $5), ($4 - $6)/($2 - $6) }'; }
 smooth() { border "$1" | awk '{ exit !($1 > 0.23 && $2 < 0.39 && $1 > $2 - 1e-3) }'; }
-edge border-flat Border=1.1
-echo "# figure: where a colour ends $(border border-flat) of it"
-check "colours end in proportion" 'smooth border-flat'
-edge border-bent "Border=1.1 Bent=1"
-check "so do they by rays out of a table" 'smooth border-bent'
+echo "# figure: where a colour ends $(border edge-flat) of it"
+check "colours end in proportion" 'smooth edge-flat'
+check "so do they by rays out of a table" 'smooth edge-bent'
 
 # What a table that reflects a little sends out itself, as fogs tell, is what it sends out when it reflects
 # nothing: fogs must not have changed the radiosity and the caustic that it is lit by, some 0.2 each in the
