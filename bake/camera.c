@@ -316,8 +316,7 @@ int main(int argc, char **argv) {
   const char *folder = argv[1], *what = argv[5];
   surface *on = surface_read(folder, argv[2]);
   uint32_t table_rays = (uint32_t)atoi(argv[3]);
-  uint32_t rays = table_rays, hole_count, width, height;
-  const bool smooth = !strncmp(what, SMOOTH_PREFIX, strlen(SMOOTH_PREFIX));
+  uint32_t rays = table_rays, chunk, hole_count, width, height;
   if (strspn(what, "0123456789") == strlen(what)) rays = surface_rays(on, table_rays);
   if (!strcmp(what, "tests") || !strcmp(what, "match")) rays = 1;
   shot self = {.self = on, .grid = grid_of_all(on), .planar = on->planar, .table_rays = table_rays};
@@ -342,9 +341,8 @@ int main(int argc, char **argv) {
     else if (!strcmp(what, "cost"))
       self.views = light_views(on, rays), self.grid = cost_grid(on);
     else
-      self.views = views_of_chunk(on, table_rays, rays,
-                                  (uint32_t)atoi(what + (smooth ? strlen(SMOOTH_PREFIX) : 0))),
-      self.apart = smooth;
+      self.apart = chunk_is_smooth(what, &chunk),
+      self.views = views_of_chunk(on, table_rays, rays, chunk);
   }
   self.table = table;
   self.sources = sources;

@@ -23,6 +23,13 @@ void view_of_slice(uint32_t s_count, uint32_t t_count, slice at, uint32_t rays, 
   }
 }
 
+bool chunk_is_smooth(const char *what, uint32_t *chunk_index) {
+  static const char prefix[] = "smooth-";
+  const bool smooth = !strncmp(what, prefix, strlen(prefix));
+  *chunk_index = (uint32_t)atoi(what + (smooth ? strlen(prefix) : 0));
+  return smooth;
+}
+
 view_list views_of_chunk(const surface *self, uint32_t asked_rays, uint32_t rays,
                          uint32_t chunk_index) {
   uint32_t slice_count;

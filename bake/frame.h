@@ -31,9 +31,9 @@ typedef struct {
 view_list views_of_chunk(const surface *, uint32_t asked_rays, uint32_t rays, uint32_t chunk_index);
 view_list views_of_cover(uint32_t rays);
 
-/* Before a chunk's number: all rays that are asked for, whatever surface_rays says, so that what
- * one shows has no steps. */
-#define SMOOTH_PREFIX "smooth-"
+/* The number in CHUNK or smooth-CHUNK; whether it is smooth: seen by all rays that are asked for,
+ * whatever surface_rays says, so that there are none of the steps that one ray leaves. */
+bool chunk_is_smooth(const char *what, uint32_t *chunk_index);
 
 /* The slice of a surface of s_count x t_count directions, with its cell's offsets, into stn: one
  * view. A matte surface is seen along its normal. */

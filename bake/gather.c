@@ -3,7 +3,6 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "cover.h"
 #include "fail.h"
@@ -24,11 +23,10 @@ int main(int argc, char **argv) {
     return 2;
   }
   surface *self = surface_read(argv[1], argv[2]);
-  const bool smooth = !strncmp(argv[4], SMOOTH_PREFIX, strlen(SMOOTH_PREFIX));
+  uint32_t chunk, slice_count, hole_count;
+  const bool smooth = chunk_is_smooth(argv[4], &chunk);
   uint32_t asked_rays = (uint32_t)atoi(argv[3]);
   uint32_t rays = smooth ? asked_rays : surface_rays(self, asked_rays);
-  uint32_t chunk = (uint32_t)atoi(argv[4] + (smooth ? strlen(SMOOTH_PREFIX) : 0));
-  uint32_t slice_count, hole_count;
   slice *slices = surface_slices(self, &slice_count);
   uint32_t first = surface_chunk(self, asked_rays, chunk).first;
   view_list views = views_of_chunk(self, asked_rays, rays, chunk);

@@ -114,26 +114,26 @@ static bool own_is_even(const surface *self, const float *own, uint32_t texel) {
 
 /* Where all rays of a texel see one thing, on which colours may have borders, its light is what
  * they see in the mean, less what the texel sends out itself. */
-static void smooth(const chunk *c, const char *split_path, const char *means_path,
-                   const char *out) {
+static void smooth(const chunk *c, const char *split_path, const char *outlines_path,
+                   const char *means_path, const char *out) {
+  outline_list outlines = outlines_read(outlines_path, c->self, c->range.count);
   float *parts = read_parts(c, split_path);
   float *means = read_means(means_path, c->self, c->range.count * c->self->v_count);
-  bool *ends = allocate(c->texel_count, sizeof *ends, out);
+  bool *ends = allocate(c->texel_count * c->range.count, sizeof *ends, out);
+  memset(ends, 0, c->texel_count * c->range.count * sizeof *ends);
+  for (uint32_t i = 0; i < outlines.count; i++)
+    ends[outlines.texels[i].slice * c->texel_count + outlines.texels[i].texel] = true;
   for (uint32_t k = 0; k < c->range.count; k++) {
     float *own = parts + SPLIT_PARTS * k * c->image_size, *reflected = own + c->image_size;
     const float *mean = means + k * c->image_size;
-    outline_list outlines =
-        outlines_find(c->self, own + PART_HEIGHT * c->image_size, c->image_size, 1);
-    memset(ends, 0, c->texel_count * sizeof *ends);
-    for (uint32_t i = 0; i < outlines.count; i++) ends[outlines.texels[i].texel] = true;
-    free(outlines.texels);
     for (uint32_t i = 0; i < c->texel_count; i++)
-      if (!ends[i] && own_is_even(c->self, own, i))
+      if (!ends[k * c->texel_count + i] && own_is_even(c->self, own, i))
         for (uint32_t at = 3 * i; at < 3 * i + 3; at++)
           reflected[at] = fmaxf(mean[at] - own[at], 0);
   }
   image_write(out, c->self->u_count, SPLIT_PARTS * c->range.count * c->self->v_count, parts);
   free(ends);
+  free(outlines.texels);
   free(means);
   free(parts);
 }
@@ -218,12 +218,12 @@ int main(int argc, char **argv) {
   const bool fogs = argc == 4 && !strcmp(what, "fogs"),
              splits = argc == 9 && !strcmp(what, "split");
   const bool outlines = argc == 7 && !strcmp(what, "outlines");
-  const bool smooths = argc == 9 && !strcmp(what, "smooth");
+  const bool smooths = argc == 10 && !strcmp(what, "smooth");
   if (!fogs && !splits && !outlines && !smooths && !(argc == 11 && !strcmp(what, "coverage"))) {
     fputs("usage: layers fogs FOLDER SURFACE > FOGS\n"
           "       layers split FOLDER SURFACE RAYS CHUNK FULL.exr FOG SPLIT.exr\n"
-          "       layers smooth FOLDER SURFACE RAYS CHUNK SPLIT.exr MEANS.exr OUT.exr\n"
           "       layers outlines FOLDER SURFACE RAYS CHUNK SPLIT.exr > OUTLINES\n"
+          "       layers smooth FOLDER SURFACE RAYS CHUNK SPLIT.exr OUTLINES MEANS.exr OUT.exr\n"
           "       layers coverage FOLDER SURFACE RAYS CHUNK SPLIT.exr FOG OUTLINES FRAME.exr "
           "OUT.exr\n"
           "MEANS: of all rays, without a fog; OUT of smooth is a SPLIT. FOGS: number, distance and "
@@ -240,7 +240,7 @@ int main(int argc, char **argv) {
     if (splits)
       split(&c, argv[6], argv[7], argv[8]);
     else if (smooths)
-      smooth(&c, argv[6], argv[7], argv[8]);
+      smooth(&c, argv[6], argv[7], argv[8], argv[9]);
     else if (outlines)
       print_outlines(&c, argv[6]);
     else

@@ -20,7 +20,7 @@ choose() {
 choice() { head -n 1 "build/bake/$1/$2/choice"; }
 # slice NAME CHUNK ROWS K: the K-th image of so many rows of a chunk of the table, into a file of that name.
 slice() { oiiotool "build/bake/$1/table/0000.exr" --cut "16x16+0+$((16*$2))" -o "$log.$3.exr"; }
-echo 1..16
+echo 1..17
 
 bake layers-chosen "" 9
 echo "# figure: $(sed -n 's/^bake: surface //p' "$log" | grep layers | tr '\n' ';')"
@@ -72,12 +72,16 @@ check "so is a fifth that is not, by rays out of a table" '[ "$(row edge-bent 8 
 # Where a colour ends on what is reflected, at x = 1.1, two fifths of the thirteenth row of texels on, the rays of a
 # texel are weighed by a tent (bake/sample.h): by 2 (2/5)^2 = 0.32 in the mean of all such samples; one's columns lie
 # anywhere in their fifths, so their tents are off by 0.2/sqrt(12) * 2 each and the sum of two of five by 0.03 (rms).
+# One ray, the middle one, sees nothing of it, and rays that count alike 0.4. Where the mirror's own colour changes, too, one
+# ray tells both.
 # border NAME: how bright the row is between the next ones
 border() { echo "$(row "$1" 11 1) $(row "$1" 12 1) $(row "$1" 13 1)" | awk '{ printf "%.3f %.3f\n", ($3 - $5)/($1 - $5), ($4 - $6)/($2 - $6) }'; }
 smooth() { border "$1" | awk '{ exit !($1 > 0.23 && $2 < 0.39 && $1 > $2 - 1e-3) }'; }
 echo "# figure: where a colour ends $(border edge-flat) of it"
 check "colours end in proportion" 'smooth edge-flat'
 check "so do they by rays out of a table" 'smooth edge-bent'
+edge edge-own "Border=1.1 Own=1.1"
+check "one ray tells light where own radiance changes" 'border edge-own | awk "{ exit !(\$1 < 0.01 && \$1 > -0.01) }"'
 
 # What a table that reflects a little sends out itself, as fogs tell, is what it sends out when it reflects
 # nothing: fogs must not have changed the radiosity and the caustic that it is lit by, some 0.2 each in the

@@ -1,9 +1,11 @@
 // A mirror of 4 x 4 units under a plate at 1 unit that ends at x = Edge, in a room of 8 units' height. Straight up,
-// each texel sees of the plate as much as lies under it. The room's colour changes at x = Border.
+// each texel sees of the plate as much as lies under it. The room's colour changes at x = Border,
+// the mirror's own at x = Own.
 #version 3.7;
 #include "slf.inc"
 #ifndef (Edge) #declare Edge = 0.1; #end
 #ifndef (Border) #declare Border = 9; #end
+#ifndef (Own) #declare Own = 9; #end
 #ifndef (Bent) #declare Bent = 0; #end
 global_settings { assumed_gamma 1.0 }
 #declare Even = texture { pigment { rgb 0.5 } finish { ambient 1 diffuse 0 } }
@@ -13,7 +15,10 @@ global_settings { assumed_gamma 1.0 }
 }
 box { <-9, -1, -9>, <9, 8, 9> hollow inverse texture { Halves } }
 box { <-9, 1, -9>, <Edge, 1.1, 9> texture { Even } }
-#declare Mirror = texture { pigment { rgb 0.1 } finish { ambient 0 diffuse 0.2 reflection 0.8 } }
+#declare Mirror = texture {
+  pigment { gradient x color_map { [0.5 rgb 0.1] [0.5 rgb 0.6] } scale 18 translate (Own - 9)*x }
+  finish { ambient 0.5 diffuse 0.2 reflection 0.8 }
+}
 #declare Slf_Layers = 2;
 #if (Bent) // as flat, but said to be curved: rays come from a table
   box { <-2, -0.1, -2>, <2, 0, 2> texture { Mirror } }
