@@ -83,8 +83,8 @@ typedef struct {
   const shift_window *shifted;
   uint8_t *u_block;
   uint32_t gain;
-  int step; /* the next one */
-  float luma[COEFFICIENTS], chroma[8][2][8];
+  int step;                                  /* the next one */
+  float luma[COEFFICIENTS], chroma[8][2][8]; /* made so far: rows, of chroma Cb and Cr in turn */
 } texels_maker;
 enum { TEXELS_LUMA, TEXELS_CHROMA, TEXELS_CODES, TEXELS_MADE };
 
